@@ -1,0 +1,170 @@
+"""The registry of plugins: what is registered can be typed on the command line.
+
+A plugin is a frozen dataclass. Its fields are its configuration, so the decorator also stores it as a typed node in Hydra's
+ConfigStore, and no YAML file repeats the defaults.
+
+    @register("finger", "bellows")
+    @dataclass(frozen=True)
+    class Bellows(Finger):
+        folds: int = 6
+"""
+
+import importlib
+import json
+import logging
+import pkgutil
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from difflib import get_close_matches
+from importlib.metadata import entry_points
+from typing import Any, TypeVar
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.paths import CONF
+
+KINDS = ("finger", "fem", "split", "loss", "model")
+"""The plugin kinds: each is a config group, a folder in `plugins/` and an abstract class in `pgdl_lab/`."""
+
+_log = logging.getLogger(__name__)
+_plugins: dict[str, dict[str, type]] = {kind: {} for kind in KINDS}
+
+Plugin = TypeVar("Plugin", bound=type)
+
+
+def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
+    """Class decorator that makes a frozen dataclass the choice `name` of `kind`.
+
+    Sets the class attributes `kind` and `name`.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind, or another class has that name.
+    """
+
+    def decorate(cls: Plugin) -> Plugin:
+        known = _plugins[closest(kind, KINDS, "plugin kind")]
+        other = known.get(name)
+        if other is not None and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise InputError(
+                f"{kind} '{name}' is registered twice, by {other.__module__} and by {cls.__module__}: rename one of them"
+            )
+        cls.kind, cls.name = kind, name
+        known[name] = cls
+        # Several losses act at once, so each has its own place `loss.<name>`.
+        package = f"loss.{name}" if kind == "loss" else None
+        ConfigStore.instance().store(group=kind, name=name, node=config_node(cls), package=package, provider="pgdl_lab")
+        return cls
+
+    return decorate
+
+
+def config_node(cls: type) -> DictConfig:
+    """Typed configuration of a plugin class with its defaults, open to overrides."""
+    node = OmegaConf.structured(cls)
+    _lift_readonly(node)
+    return node
+
+
+def _lift_readonly(node: Any) -> None:
+    """OmegaConf makes the nodes of frozen dataclasses read-only, nested ones too; the command line must be able to set them."""
+    if isinstance(node, DictConfig | ListConfig) and not node._is_none() and not node._is_missing():
+        node._set_flag("readonly", None)
+        for key in node if isinstance(node, DictConfig) else range(len(node)):
+            _lift_readonly(node._get_node(key))
+
+
+def discover() -> None:
+    """Import every plugin: the modules of `pgdl_lab.plugins`, then the entry points `pgdl_lab.plugins`.
+
+    A plugin that cannot be imported is named in a warning, and the others still load.
+    """
+    for module in _modules():
+        _load(module, lambda module=module: importlib.import_module(module))
+    for entry in sorted(entry_points(group="pgdl_lab.plugins")):
+        _load(f"entry point {entry.name} = {entry.value}", entry.load)
+
+
+def _modules() -> Iterable[str]:
+    for kind in KINDS:
+        try:
+            package = importlib.import_module(f"pgdl_lab.plugins.{kind}")
+        except ModuleNotFoundError:
+            continue
+        found: dict[str, str] = {}
+        for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda info: info.name):
+            folder = str(getattr(info.module_finder, "path", ""))
+            if info.name.startswith("_"):
+                continue
+            if info.name in found:
+                _log.warning(
+                    "Plugin file %s/%s.py is ignored: %s/%s.py has the same name; rename one of them",
+                    folder, info.name, found[info.name], info.name,
+                )  # fmt: skip
+                continue
+            found[info.name] = folder
+            yield f"{package.__name__}.{info.name}"
+
+
+def _load(label: str, load: Callable[[], object]) -> None:
+    try:
+        load()
+    except Exception as error:  # anything may go wrong in a file that someone else wrote
+        _log.warning("Plugin %s is left out: %s: %s", label, type(error).__name__, error)
+        _log.debug("Traceback of %s", label, exc_info=True)
+
+
+def names(kind: str) -> list[str]:
+    """Names of the registered plugins of a kind, sorted."""
+    return sorted(_plugins[kind])
+
+
+def plugin(kind: str, name: str) -> type:
+    """Class of a registered plugin.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name: the message lists the choices and the closest one.
+    """
+    return _plugins[kind][closest(name, names(kind), kind)]
+
+
+def choices(group: str) -> list[str]:
+    """What may be typed after `group=`: registered plugins and YAML files of `conf/<group>/`, sorted."""
+    files = (path.stem for path in (CONF / group).glob("*.yaml"))
+    stored = ConfigStore.instance().repo.get(group, {})
+    return sorted({*files, *(key.removesuffix(".yaml") for key in stored)})
+
+
+def closest(name: str, known: Iterable[str], what: str) -> str:
+    """`name` if it is known.
+
+    Raises
+    ------
+    InputError
+        If it is not: the message lists the choices and the closest one.
+    """
+    known = list(known)
+    if name in known:
+        return name
+    close = get_close_matches(name, known, n=1)
+    hint = f" Did you mean '{close[0]}'?" if close else ""
+    raise InputError(f"There is no {what} '{name}'.{hint} Choices: {', '.join(known) or 'none'}.")
+
+
+def describe(plugin: Any) -> dict[str, Any]:
+    """Name and fields of a plugin instance, in JSON types only."""
+    fields = {"name": plugin.name, **asdict(plugin)}
+    described: dict[str, Any] = json.loads(json.dumps(fields, default=_plain))
+    return described
+
+
+def _plain(value: Any) -> Any:
+    """JSON form of what `json` does not know: enum members by name, arrays as lists, paths as text."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return getattr(value, "name", None) or str(value)
