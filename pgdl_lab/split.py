@@ -6,7 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.errors import InputError
 from pgdl_lab.snapshots import Snapshots
+
+ROUNDING = 1e-9  # pressures are sums and products of floats: 0.88 · 50 kPa must include the snapshot at 44 kPa
 
 
 @dataclass(frozen=True)
@@ -23,10 +26,58 @@ class Split(ABC):
 
     points: int = 20_000
 
+    def __post_init__(self) -> None:
+        if self.points < 1:
+            raise InputError(f"split.points is {self.points}; a surrogate needs at least 1 training point.")
+
     @abstractmethod
     def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which snapshots may give training points: (P,) bool for pressures (P,) [kPa]."""
+        """Which snapshots may give training points: (P,) bool for rising pressures (P,) [kPa]."""
+
+    def highlights(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Indices of the snapshots that tables and base-line figures show: nearest to 20, 40 … 100 % of the highest pressure."""
+        return nearest(pressures_kpa, np.linspace(0.2, 1, 5) * pressures_kpa[-1])
+
+    def check(self, pressures_kpa: NDArray[np.float64], nodes: int) -> None:
+        """Refuse a split that cannot be made of snapshots at `pressures_kpa` (P,) [kPa] with `nodes` points each.
+
+        Needs no displacements, so that it can be asked before a long simulation.
+
+        Raises
+        ------
+        InputError
+            When no snapshot is in range, too many points are asked for, or no test point is left.
+        """
+        snapshots = int(self.seen(pressures_kpa).sum())
+        available, total = snapshots * nodes, len(pressures_kpa) * nodes
+        if snapshots == 0:
+            raise InputError(
+                f"No snapshot lies in the training range: the lowest pressure is {pressures_kpa[0]:g} kPa; "
+                "widen the split or raise observation.snapshots."
+            )
+        if self.points > available:
+            raise InputError(
+                f"split.points is {self.points}, but the {snapshots} training snapshots hold {available} points; "
+                "ask for fewer or raise observation.points."
+            )
+        if self.points == total:
+            raise InputError(f"split.points is {self.points}, which is every point and leaves none to test on; ask for fewer.")
 
     def train_points(self, snapshots: Snapshots, seed: int) -> NDArray[np.int64]:
-        """Sorted indices (n,) of the training points; every other point is a test point."""
-        raise NotImplementedError  # to be written in terms of `seen`
+        """Sorted indices (n,) of the training points, drawn evenly from the seen snapshots; the rest are test points.
+
+        Raises
+        ------
+        InputError
+            See `check`.
+        """
+        nodes = len(snapshots.points)
+        self.check(snapshots.pressures_kpa, nodes)
+        seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
+        drawn = np.random.default_rng(seed).choice(len(seen) * nodes, self.points, replace=False)
+        return np.sort(seen[drawn // nodes] * nodes + drawn % nodes)
+
+
+def nearest(pressures_kpa: NDArray[np.float64], wanted_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Indices, each once and rising, of the pressures (P,) [kPa] that lie nearest to `wanted_kpa` (W,) [kPa]."""
+    return np.unique(np.abs(pressures_kpa[:, None] - wanted_kpa).argmin(axis=0))

@@ -1,0 +1,1 @@
+"""What trainable models share: data, fields and their derivatives, training."""

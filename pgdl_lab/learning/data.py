@@ -1,0 +1,125 @@
+"""What a model is trained on: sampled points, the body they belong to, and the settings of the training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.finger import Finger
+from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.snapshots import Snapshots
+
+if TYPE_CHECKING:
+    from pgdl_lab.loss import Loss
+
+KG_M3_TO_TONNE_MM3 = 1e-12
+M_TO_MM = 1e3
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Training data.
+
+    Attributes
+    ----------
+    points_mm
+        (n, 2) float64, x and z of the undeformed points [mm].
+    pressures_kpa
+        (n,) float64 [kPa].
+    displacements_mm
+        (n, 2) float64, u_x and u_z [mm].
+    """
+
+    points_mm: NDArray[np.float64]
+    pressures_kpa: NDArray[np.float64]
+    displacements_mm: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, snapshots: Snapshots, indices: NDArray[np.int64]) -> Samples:
+        """The data points `indices` (n,) of `snapshots`: point i is node i % N of snapshot i // N."""
+        snapshot, node = np.divmod(indices, len(snapshots.points))
+        return cls(snapshots.points[node], snapshots.pressures_kpa[snapshot], snapshots.displacements[snapshot, node])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is known of the body without any simulation.
+
+    Attributes
+    ----------
+    points_mm
+        (N, 2) float64, points of the undeformed face [mm].
+    triangles
+        (T, 3) int64, triangulation of the face on these points.
+    clamp
+        (C,) int64, points that are held fixed.
+    max_kpa
+        Highest pressure of interest [kPa].
+    lame_mpa, shear_modulus_mpa
+        Lamé's constants λ and μ at small strain [MPa].
+    body_force_n_mm3
+        Weight per undeformed volume along x and z [N/mm³].
+    """
+
+    points_mm: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    clamp: NDArray[np.int64]
+    max_kpa: float
+    lame_mpa: float
+    shear_modulus_mpa: float
+    body_force_n_mm3: tuple[float, float]
+
+    @classmethod
+    def of(cls, finger: Finger, snapshots: Snapshots) -> Scene:
+        """The scene of `finger`, with the face that `snapshots` observe."""
+        density = finger.density_kg_m3 * KG_M3_TO_TONNE_MM3
+        force_x, force_z = (density * component * M_TO_MM for component in finger.gravity_m_s2)
+        return cls(
+            points_mm=snapshots.points,
+            triangles=snapshots.triangles,
+            clamp=snapshots.clamp,
+            max_kpa=float(snapshots.pressures_kpa[-1]),
+            lame_mpa=finger.material.lame_mpa,
+            shear_modulus_mpa=finger.material.shear_modulus_mpa,
+            body_force_n_mm3=(force_x, force_z),
+        )
+
+
+@dataclass(frozen=True)
+class Training:
+    """One training, complete: what `Model.fit` needs.
+
+    Attributes
+    ----------
+    samples
+        The training points.
+    scene
+        The body they belong to.
+    losses
+        The terms of the loss by name.
+    trainer, optimizer
+        Budget and rule.
+    seed
+        Fixes initial weights, order of the batches and points drawn by losses.
+    folder
+        Run folder; checkpoints are written to and resumed from `<folder>/checkpoints`.
+    provenance
+        Where the data come from (JSON types), kept in the surrogate's file.
+    logger
+        A Lightning logger, or None.
+    """
+
+    samples: Samples
+    scene: Scene
+    losses: Mapping[str, Loss]
+    trainer: TrainerSettings
+    optimizer: OptimizerSettings
+    seed: int
+    folder: Path
+    provenance: Mapping[str, Any]
+    logger: Any = None

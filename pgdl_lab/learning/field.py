@@ -1,0 +1,72 @@
+"""Displacement fields with trainable weights."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pgdl_lab.learning.jet import ROWS, Jet, propagate
+
+
+class Field(nn.Module, ABC):
+    """A displacement [mm] as a function of place [mm] and pressure [kPa], with its derivatives by place.
+
+    A field is evaluated in two steps, because the first has nothing to learn and is taken once for all training points:
+    `coordinates` are fixed functions of the place (the place itself, or functions that know the body), and `rows`
+    carries them and the pressure through the trainable layers.
+    """
+
+    @abstractmethod
+    def coordinates(self, points_mm: NDArray[np.float64], order: int) -> Tensor:
+        """Coordinates of points (N, 2) [mm] and their derivatives by x and z [1/mm, 1/mm²] up to `order`: (J, N, F)."""
+
+    @abstractmethod
+    def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        """Displacement and derivatives (J, n, 2) from coordinates (J, n, F) and pressures (n,) [kPa]; see `Jet.rows`."""
+
+    def jet(self, coordinates: Tensor, pressures_kpa: Tensor, order: int) -> Jet:
+        """Displacement and derivatives up to `order`."""
+        return Jet(self.rows(coordinates[: ROWS[order]], pressures_kpa))
+
+    def forward(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        """Displacement (n, 2) [mm] from coordinates (J, n, F) and pressures (n,) [kPa]."""
+        return self.rows(coordinates[:1], pressures_kpa)[0]
+
+    def displacements(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        """Displacements (P, N, 2) [mm] of all points with coordinates (1, N, F) at all pressures (P,) [kPa]."""
+        return torch.stack([self(coordinates, pressure.expand(coordinates.shape[1])) for pressure in pressures_kpa])
+
+
+class PlaneField(Field):
+    """A network whose inputs are x, z and the pressure.
+
+    Parameters
+    ----------
+    layers
+        Takes (…, 3): x [mm], z [mm], p [kPa]; gives (…, 2) [mm]. Scaling is part of it, so that every derivative of
+        the field is physical.
+    dtype
+        Type of the weights.
+    """
+
+    def __init__(self, layers: nn.Module, dtype: torch.dtype) -> None:
+        super().__init__()
+        self.layers = layers.to(dtype)
+        self.dtype = dtype
+
+    def coordinates(self, points_mm: NDArray[np.float64], order: int) -> Tensor:
+        rows = torch.zeros(ROWS[order], len(points_mm), 2, dtype=self.dtype)
+        rows[0] = torch.from_numpy(points_mm)
+        if order:
+            rows[1, :, 0] = 1  # ∂x/∂x
+            rows[2, :, 1] = 1  # ∂z/∂z
+        return rows
+
+    def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        pressure = torch.zeros_like(coordinates[..., :1])
+        pressure[0, :, 0] = pressures_kpa
+        return propagate(self.layers, torch.cat([coordinates, pressure], dim=-1))

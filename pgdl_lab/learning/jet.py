@@ -1,0 +1,129 @@
+"""Values and spatial derivatives of a field, propagated through its layers in closed form.
+
+A stack of rows [h, h_x, h_z, h_xx, h_zz, h_xz] is carried through every layer: one matrix product per linear layer, the
+chain rule at every activation (Faà di Bruno to second order). One ordinary backward pass follows. Layers that are not
+known here are differentiated by nested automatic differentiation, one layer at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from pgdl_lab.learning.activations import DERIVATIVES
+
+ROWS = {0: 1, 1: 3, 2: 6}  # number of rows by order of the highest derivative
+X, Z, XX, ZZ, XZ = range(1, 6)
+SECOND = ((XX, X, X), (ZZ, Z, Z), (XZ, X, Z))  # row of a second derivative and the two rows of its first derivatives
+
+
+@dataclass(frozen=True)
+class Jet:
+    """A displacement field and its derivatives at n points.
+
+    Attributes
+    ----------
+    rows
+        (J, n, 2) with J = 1, 3 or 6: u [mm], u_x, u_z [–], u_xx, u_zz, u_xz [1/mm].
+    """
+
+    rows: Tensor
+
+    @property
+    def value(self) -> Tensor:
+        """(n, 2), displacement [mm]."""
+        return self.rows[0]
+
+    @property
+    def gradient(self) -> Tensor:
+        """(n, 2, 2), ∂u_i/∂x_j [–] for component i and direction j, both in the order x, z."""
+        return self.rows[X : Z + 1].permute(1, 2, 0)
+
+    @property
+    def hessian(self) -> Tensor:
+        """(n, 2, 3), second derivatives of component i in the order xx, zz, xz [1/mm]."""
+        return self.rows[XX:].permute(1, 2, 0)
+
+
+class Affine(nn.Module):
+    """h · scale + shift with fixed vectors, the scaling of inputs and outputs.
+
+    Parameters
+    ----------
+    scale, shift
+        (C,) each.
+    """
+
+    scale: Tensor
+    shift: Tensor
+
+    def __init__(self, scale: Tensor, shift: Tensor) -> None:
+        super().__init__()
+        self.register_buffer("scale", scale)
+        self.register_buffer("shift", shift)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return inputs * self.scale + self.shift
+
+
+def propagate(layer: nn.Module, rows: Tensor) -> Tensor:
+    """Carry rows (J, n, C) through `layer`, giving (J, n, C')."""
+    if isinstance(layer, nn.Sequential):
+        for child in layer:
+            rows = propagate(child, rows)
+        return rows
+    if len(rows) == 1:
+        return layer(rows)
+    if isinstance(layer, nn.Linear):
+        # the bias belongs to the value alone
+        return torch.cat([layer(rows[:1]), nn.functional.linear(rows[1:], layer.weight)])
+    if isinstance(layer, Affine):
+        return torch.cat([layer(rows[:1]), rows[1:] * layer.scale])
+    if type(layer) in DERIVATIVES:
+        value, first, second = DERIVATIVES[type(layer)](rows[0])
+        stack = [value, first * rows[X], first * rows[Z]]
+        if len(rows) == ROWS[2]:
+            stack += [second * rows[i] * rows[j] + first * rows[ij] for ij, i, j in SECOND]
+        return torch.stack(stack)
+    return nested(layer, rows)
+
+
+def nested(layer: nn.Module, rows: Tensor) -> Tensor:
+    """Carry rows (J, n, C) through any twice differentiable layer by automatic differentiation.
+
+    The inputs are written as the second-order Taylor polynomial of the rows in two small offsets (a, b) along x and z,
+    whose derivatives at zero are those of the layer's outputs.
+    """
+    with torch.enable_grad():
+        offsets = torch.zeros(*rows.shape[1:-1], 2, dtype=rows.dtype, device=rows.device, requires_grad=True)
+        a, b = offsets[..., :1], offsets[..., 1:]
+        inputs = rows[0] + a * rows[X] + b * rows[Z]
+        if len(rows) == ROWS[2]:
+            inputs = inputs + a**2 / 2 * rows[XX] + b**2 / 2 * rows[ZZ] + a * b * rows[XZ]
+        value = layer(inputs)
+        along_x, along_z = _along(value, offsets)
+        stack = [value, along_x, along_z]
+        if len(rows) == ROWS[2]:
+            (xx, xz), (_, zz) = _along(along_x, offsets), _along(along_z, offsets)
+            stack += [xx, zz, xz]
+        return torch.stack(stack)
+
+
+def _along(outputs: Tensor, offsets: Tensor) -> tuple[Tensor, Tensor]:
+    """Derivatives of outputs (n, C) by the two offsets (n, 2), each (n, C).
+
+    Two reverse passes make a forward one: the gradient of vᵀ·outputs is linear in v, and its derivative by v is wanted.
+    """
+    probe = torch.ones_like(outputs, requires_grad=True)
+    if not outputs.requires_grad:
+        return torch.zeros_like(outputs), torch.zeros_like(outputs)
+    (pulled,) = torch.autograd.grad(outputs, offsets, probe, create_graph=True, materialize_grads=True)
+    along_x, along_z = (
+        torch.autograd.grad(pulled[..., i].sum(), probe, create_graph=True, retain_graph=True, materialize_grads=True)[0]
+        if pulled.requires_grad
+        else torch.zeros_like(outputs)
+        for i in range(2)
+    )
+    return along_x, along_z

@@ -1,0 +1,100 @@
+"""How long and by which rule a model is trained: the config groups `trainer` and `optimizer`."""
+
+import math
+from dataclasses import dataclass
+
+from pgdl_lab.errors import InputError
+
+ACCELERATORS = ("auto", "cpu", "gpu")
+OPTIMIZERS = ("adam", "adamw", "nadam")
+SCHEDULES = ("constant", "cosine")
+
+
+@dataclass(frozen=True)
+class TrainerSettings:
+    """The budget and the housekeeping of a training.
+
+    Training ends with `max_epochs` or `max_time`, whichever comes first; the learning-rate schedule follows the one
+    that is nearer to its end. A run that is not cut by the time repeats exactly under the same seed.
+
+    Attributes
+    ----------
+    max_time
+        Time budget, "hours:minutes:seconds" or seconds; time spent before a resume counts.
+    max_epochs
+        Epoch budget; one epoch is one pass over the training points.
+    accelerator
+        "auto" (a GPU where there is one), "cpu" or "gpu".
+    checkpoint_every_s
+        Time between checkpoints [s].
+    log_every_s
+        Least time between two entries of the loss history [s]; entries are made at the end of epochs.
+    progress
+        Whether a progress bar is shown.
+    """
+
+    max_time: str = "00:02:00"
+    max_epochs: int = 2000
+    accelerator: str = "auto"
+    checkpoint_every_s: float = 20.0
+    log_every_s: float = 1.0
+    progress: bool = True
+
+    def __post_init__(self) -> None:
+        if self.max_epochs < 1:
+            raise InputError(f"trainer.max_epochs is {self.max_epochs}; it must be at least 1.")
+        if self.accelerator not in ACCELERATORS:
+            raise InputError(f"trainer.accelerator is '{self.accelerator}'; choose one of {', '.join(ACCELERATORS)}.")
+        for name in ("checkpoint_every_s", "log_every_s"):
+            if not getattr(self, name) >= 0:
+                raise InputError(f"trainer.{name} is {getattr(self, name)} s; it must not be negative.")
+        if not self.max_seconds > 0:
+            raise InputError(f"trainer.max_time is '{self.max_time}'; it must be above 0.")
+
+    @property
+    def max_seconds(self) -> float:
+        """Time budget [s]."""
+        try:
+            parts = [float(part) for part in self.max_time.split(":")]
+        except ValueError:
+            parts = []
+        if not 1 <= len(parts) <= 3 or not all(math.isfinite(part) for part in parts):
+            raise InputError(f"trainer.max_time is '{self.max_time}'; write it as hours:minutes:seconds or as seconds.")
+        return sum(part * 60**power for power, part in enumerate(reversed(parts)))
+
+
+@dataclass(frozen=True)
+class OptimizerSettings:
+    """The rule by which the weights are changed.
+
+    Attributes
+    ----------
+    name
+        "adam", "adamw" or "nadam".
+    lr
+        Learning rate at the start.
+    batch_size
+        Training points per step.
+    schedule
+        "constant" or "cosine" (from `lr` to 0 over the budget).
+    weight_decay
+        Weight decay of the optimiser.
+    """
+
+    name: str = "adam"
+    lr: float = 1e-3
+    batch_size: int = 512
+    schedule: str = "cosine"
+    weight_decay: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.name not in OPTIMIZERS:
+            raise InputError(f"optimizer.name is '{self.name}'; choose one of {', '.join(OPTIMIZERS)}.")
+        if self.schedule not in SCHEDULES:
+            raise InputError(f"optimizer.schedule is '{self.schedule}'; choose one of {', '.join(SCHEDULES)}.")
+        if not 0 < self.lr < math.inf:
+            raise InputError(f"optimizer.lr is {self.lr}; it must be positive.")
+        if self.batch_size < 1:
+            raise InputError(f"optimizer.batch_size is {self.batch_size}; it must be at least 1.")
+        if not self.weight_decay >= 0:
+            raise InputError(f"optimizer.weight_decay is {self.weight_decay}; it must not be negative.")

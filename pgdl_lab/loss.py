@@ -1,0 +1,63 @@
+"""The plugin kind `loss`: one term of what a training minimises."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pgdl_lab.learning.data import Scene
+    from pgdl_lab.learning.jet import Jet
+
+
+@dataclass(frozen=True)
+class Loss(ABC):
+    """One term of the total loss, which is the sum of `weight` · `value` over all terms.
+
+    A subclass sets `order`, the highest spatial derivative that it needs (0, 1 or 2): the jet of the field is computed
+    once per step, to the highest order that any term needs, and shared by all terms at the training points.
+
+    Attributes
+    ----------
+    weight
+        Factor of this term in the total loss.
+    """
+
+    order: ClassVar[int] = 0
+
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.weight < math.inf:
+            raise InputError(f"The weight of a loss is {self.weight}; it must be zero or positive.")
+
+    def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Points (M, 2) [mm] and prescribed displacements (M, 2) [mm] where this term is evaluated.
+
+        None, the default, stands for the training points of the batch. Own points are visited at pressures that are
+        drawn evenly from the range of the training pressures.
+        """
+        return None
+
+    @abstractmethod
+    def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
+        """The unweighted term, a scalar tensor.
+
+        Parameters
+        ----------
+        jet
+            The predicted displacement at n points and its derivatives up to `order` or beyond.
+        target_mm
+            (n, 2), the simulated displacement of training points, the prescribed one of own points [mm].
+        scene
+            The body.
+        """

@@ -1,0 +1,34 @@
+"""Loss `boundary`: the clamp at the root."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.loss import Loss
+from pgdl_lab.registry import register
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pgdl_lab.learning.data import Scene
+    from pgdl_lab.learning.jet import Jet
+
+
+@register("loss", "boundary")
+@dataclass(frozen=True)
+class Boundary(Loss):
+    """Mean over the clamped points, u = 0 at x = 0, of the squared displacement [mm²]."""
+
+    def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        clamped = scene.points_mm[scene.clamp]
+        if not len(clamped):
+            raise InputError("Loss boundary needs clamped points, but the snapshots name none; leave it out of loss=[...].")
+        return clamped, np.zeros_like(clamped)
+
+    def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
+        return (jet.value - target_mm).square().sum(dim=1).mean()

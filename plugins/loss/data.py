@@ -1,0 +1,24 @@
+"""Loss `data`: the distance to the simulated displacements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pgdl_lab.loss import Loss
+from pgdl_lab.registry import register
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pgdl_lab.learning.data import Scene
+    from pgdl_lab.learning.jet import Jet
+
+
+@register("loss", "data")
+@dataclass(frozen=True)
+class Data(Loss):
+    """Mean over the training points of the squared error of both components [mm²] (paper, eq. 12)."""
+
+    def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
+        return (jet.value - target_mm).square().sum(dim=1).mean()

@@ -1,0 +1,45 @@
+"""Split `extrapolate`: training below a cut-off pressure, tests above it (the paper's second approach)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.registry import register
+from pgdl_lab.split import ROUNDING, Split, nearest
+
+
+@register("split", "extrapolate")
+@dataclass(frozen=True)
+class Extrapolate(Split):
+    """Points drawn at random from the snapshots up to a cut-off pressure (paper, section IV-A, second approach).
+
+    Attributes
+    ----------
+    train_fraction
+        Cut-off as a fraction of the highest pressure: 0.88 of 50 kPa are the paper's 44 kPa.
+    tested
+        Fractions of the highest pressure that tables and figures show: the paper's 45, 47 and 50 kPa.
+    """
+
+    train_fraction: float = 0.88
+    tested: list[float] = field(default_factory=lambda: [0.90, 0.94, 1.0])
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.train_fraction < 1:
+            raise InputError(
+                f"split.train_fraction is {self.train_fraction}; it must lie between 0 and 1, so that pressures are left to test on."
+            )
+        if not self.tested or not all(self.train_fraction < fraction <= 1 for fraction in self.tested):
+            raise InputError(
+                f"split.tested is {list(self.tested)}; give fractions above train_fraction ({self.train_fraction}) and up to 1."
+            )
+
+    def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return pressures_kpa <= self.train_fraction * pressures_kpa[-1] * (1 + ROUNDING)
+
+    def highlights(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Indices of the snapshots nearest to the tested fractions of the highest pressure."""
+        return nearest(pressures_kpa, np.array(self.tested) * pressures_kpa[-1])

@@ -1,0 +1,18 @@
+"""Split `random`: training points drawn from all snapshots (the paper's first approach)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.registry import register
+from pgdl_lab.split import Split
+
+
+@register("split", "random")
+@dataclass(frozen=True)
+class Random(Split):
+    """Points drawn at random from all snapshots (paper, section IV-A, first approach)."""
+
+    def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.ones(len(pressures_kpa), dtype=bool)
