@@ -1,7 +1,7 @@
 """The registry of plugins: what is registered can be typed on the command line.
 
-A plugin is a frozen dataclass. Its fields are its configuration, so the decorator also stores it as a typed node in Hydra's
-ConfigStore, and no YAML file repeats the defaults.
+A plugin is a frozen dataclass. Its fields are its configuration, so the decorator also stores it as a typed node in
+Hydra's ConfigStore, and no YAML file repeats the defaults.
 
     @register("finger", "bellows")
     @dataclass(frozen=True)
@@ -16,11 +16,12 @@ import pkgutil
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from difflib import get_close_matches
+from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.paths import CONF
@@ -49,10 +50,9 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
         known = _plugins[closest(kind, KINDS, "plugin kind")]
         other = known.get(name)
         if other is not None and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
-            raise InputError(
-                f"{kind} '{name}' is registered twice, by {other.__module__} and by {cls.__module__}: rename one of them"
-            )
-        cls.kind, cls.name = kind, name
+            raise InputError(f"{kind} '{name}' is registered by {other.__module__} and {cls.__module__}: rename one.")
+        named: Any = cls
+        named.kind, named.name = kind, name
         known[name] = cls
         # Several losses act at once, so each has its own place `loss.<name>`.
         package = f"loss.{name}" if kind == "loss" else None
@@ -64,16 +64,16 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
 
 def config_node(cls: type) -> DictConfig:
     """Typed configuration of a plugin class with its defaults, open to overrides."""
-    node = OmegaConf.structured(cls)
+    node: DictConfig = OmegaConf.structured(cls)
     _lift_readonly(node)
     return node
 
 
 def _lift_readonly(node: Any) -> None:
-    """OmegaConf makes the nodes of frozen dataclasses read-only, nested ones too; the command line must be able to set them."""
-    if isinstance(node, DictConfig | ListConfig) and not node._is_none() and not node._is_missing():
+    """Open a node to overrides: OmegaConf makes those of frozen dataclasses read-only, nested ones too."""
+    if isinstance(node, DictConfig) and not node._is_none() and not node._is_missing():
         node._set_flag("readonly", None)
-        for key in node if isinstance(node, DictConfig) else range(len(node)):
+        for key in node:
             _lift_readonly(node._get_node(key))
 
 
@@ -83,7 +83,7 @@ def discover() -> None:
     A plugin that cannot be imported is named in a warning, and the others still load.
     """
     for module in _modules():
-        _load(module, lambda module=module: importlib.import_module(module))
+        _load(module, partial(importlib.import_module, module))
     for entry in sorted(entry_points(group="pgdl_lab.plugins")):
         _load(f"entry point {entry.name} = {entry.value}", entry.load)
 

@@ -1,0 +1,126 @@
+"""An experiment: everything that one run is made of, built from its configuration."""
+
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import DictConfig, OmegaConf
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.fem import Fem
+from pgdl_lab.finger import Finger
+from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.loss import Loss
+from pgdl_lab.model import Model
+from pgdl_lab.registry import KINDS, config_node, plugin
+from pgdl_lab.snapshots import Observation
+from pgdl_lab.split import Split
+
+SETTINGS = {"observation": Observation, "optimizer": OptimizerSettings, "trainer": TrainerSettings}
+"""Parts of the configuration that are not chosen among plugins."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One finger, how it is simulated and how a surrogate of it is trained: instances of what the configuration names."""
+
+    finger: Finger
+    fem: Fem
+    split: Split
+    model: Model
+    loss: dict[str, Loss]
+    observation: Observation
+    optimizer: OptimizerSettings
+    trainer: TrainerSettings
+    seed: int
+
+    @classmethod
+    def from_config(cls, config: DictConfig) -> "Experiment":
+        """Make the instances; each checks its own fields.
+
+        Raises
+        ------
+        InputError
+            If a value lies outside its limits, or no loss is chosen.
+        """
+        if not config.loss:
+            raise InputError("There is no loss to train on: choose at least one, for example loss=[data].")
+        parts: Any = OmegaConf.to_object(config)
+        return cls(**{field.name: parts[field.name] for field in fields(cls)})
+
+
+def store_schema() -> None:
+    """Put the typed settings into Hydra's ConfigStore, where `conf/config.yaml` finds them."""
+    nodes = {name: config_node(settings) for name, settings in SETTINGS.items()}
+    ConfigStore.instance().store(name="schema", node=OmegaConf.create({**nodes, "loss": {}}), provider="pgdl_lab")
+
+
+def save(config: DictConfig, path: Path) -> None:
+    """Write the resolved configuration with the names of its plugins, so that `restore` can build it again."""
+    plain: Any = OmegaConf.to_container(config, resolve=True)
+    for kind in KINDS:
+        if kind == "loss":
+            plain[kind] = {key: _named(config[kind], key, fields) for key, fields in plain[kind].items()}
+        else:
+            plain[kind] = _named(config, kind, plain[kind])
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    OmegaConf.save(OmegaConf.create(plain), temporary)
+    os.replace(temporary, path)
+
+
+def _named(parent: DictConfig, key: str, fields: dict[str, Any]) -> dict[str, Any]:
+    chosen: Any = OmegaConf.get_type(parent, key)
+    return {"name": chosen.name, **fields}
+
+
+def restore(path: Path) -> DictConfig:
+    """Typed configuration from a file that `save` wrote.
+
+    Raises
+    ------
+    InputError
+        If a plugin that it names is no longer there.
+    """
+    stored: Any = OmegaConf.load(path)
+    for kind in KINDS:
+        if kind == "loss":
+            stored[kind] = {key: _typed(kind, fields) for key, fields in stored[kind].items()}
+        else:
+            stored[kind] = _typed(kind, stored[kind])
+    for name, settings in SETTINGS.items():
+        stored[name] = OmegaConf.merge(config_node(settings), stored[name])
+    return stored
+
+
+def _typed(kind: str, fields: DictConfig) -> Any:
+    return OmegaConf.merge(config_node(plugin(kind, fields.pop("name"))), fields)
+
+
+def resumed(config: DictConfig, folder: Path, overrides: list[str]) -> DictConfig:
+    """Stored configuration of the run in `folder`, with the trainer settings that are typed now.
+
+    Parameters
+    ----------
+    config
+        What the command line says now.
+    folder
+        The run to go on with.
+    overrides
+        What was typed, as key=value.
+
+    Raises
+    ------
+    InputError
+        If anything but `trainer.…` is typed beside `resume`.
+    """
+    stored = restore(folder / "config.yaml")
+    for override in overrides:
+        key = override.partition("=")[0]
+        if key == "resume":
+            continue
+        if not key.startswith("trainer."):
+            raise InputError(f"resume goes on with the run as it was: '{key}' cannot change now, only trainer.… can.")
+        OmegaConf.update(stored, key, OmegaConf.select(config, key))
+    return stored

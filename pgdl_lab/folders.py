@@ -1,0 +1,65 @@
+"""Run folders: where a new run writes, and the link to the newest."""
+
+import os
+import secrets
+import tempfile
+import time
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from pgdl_lab import paths
+from pgdl_lab.errors import InputError
+
+
+def run_folder(resume: str | None) -> str:
+    """Folder of a run: the one that is resumed, else a new name from the time and a random ending, as runs may start together.
+
+    Raises
+    ------
+    InputError
+        If nothing can be written there, or there is no run to resume.
+    """
+    if resume is not None:
+        folder = stored_run(resume)
+        _check_writable(folder)
+        return str(folder)
+    _check_writable(paths.RUNS)
+    return str(paths.RUNS / f"{time.strftime('%Y-%m-%d_%H-%M-%S')}_{secrets.token_hex(3)}")
+
+
+# The cache makes all jobs of a multirun share one folder.
+OmegaConf.register_new_resolver("run_folder", run_folder, use_cache=True, replace=True)
+
+
+def stored_run(name: str) -> Path:
+    """Folder of an earlier run, given relative to the working directory or to the root.
+
+    Raises
+    ------
+    InputError
+        If it holds no `config.yaml`.
+    """
+    for folder in (Path(name), paths.ROOT / name):
+        if (folder / "config.yaml").is_file():
+            return folder.resolve()
+    raise InputError(f"There is no run in '{name}': give a folder that holds a config.yaml, for example runs/latest.")
+
+
+def _check_writable(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"Nothing can be written to {folder} ({error.strerror}): make it a folder that you may write to, "
+            "or set PGDL_LAB_ROOT to another place."
+        ) from error
+
+
+def link_latest(folder: Path) -> None:
+    """Let `runs/latest` point to `folder`, in one step, so that a reader never finds it missing."""
+    temporary = paths.RUNS / f".latest.{secrets.token_hex(3)}"
+    temporary.symlink_to(os.path.relpath(folder, paths.RUNS), target_is_directory=True)
+    os.replace(temporary, paths.RUNS / "latest")
