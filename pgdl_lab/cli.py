@@ -16,11 +16,13 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 
 import pgdl_lab.tasks
-from pgdl_lab import experiment, registry, sweep
+from pgdl_lab import registry, sweep
 from pgdl_lab.errors import InputError
+from pgdl_lab.experiment import Experiment, resumed, save, store_schema
 from pgdl_lab.folders import link_latest
 from pgdl_lab.messages import EXPECTED, sentence
 from pgdl_lab.paths import CONF
+from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)
 _tracebacks = logging.getLogger("pgdl_lab.failure")  # goes to run.log only
@@ -32,7 +34,7 @@ def main() -> None:
     logging.captureWarnings(True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a cluster's stop: leave in order
     registry.discover()
-    experiment.store_schema()
+    store_schema()
     for module in pkgutil.iter_modules(pgdl_lab.tasks.__path__):
         ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
     problem: str | None = None
@@ -56,28 +58,26 @@ def main() -> None:
 
 
 def job(config: DictConfig) -> float | None:
-    """Run the chosen task in the folder that Hydra made; a failure is told in `run.log` and `error.txt` there."""
+    """Run the chosen task in the folder that Hydra made; a failure is told in `run.log` there."""
     settings = HydraConfig.get()
     folder = Path(settings.runtime.output_dir)
     sweep_folder = Path(settings.sweep.dir) if settings.mode == RunMode.MULTIRUN else None
-    failure = folder / sweep.FAILURE
     try:
-        failure.unlink(missing_ok=True)
-        link_latest(folder)
         if config.resume is not None:
             if sweep_folder is not None:
                 raise InputError("resume continues one run: leave out -m, or resume the runs of a multirun one by one.")
-            config = experiment.resumed(config, folder, settings.overrides.task)
-        experiment.save(config, folder / "config.yaml")
-        task = importlib.import_module(f"pgdl_lab.tasks.{config.task}")
-        result: float | None = task.run(config, folder, sweep_folder)
+            config = resumed(config, folder, settings.overrides.task)
+        work = Job(Experiment.from_config(config), config, folder, sweep_folder)
+        save(config, folder / "config.yaml")
+        link_latest(folder)
+        result: float | None = importlib.import_module(f"pgdl_lab.tasks.{config.task}").run(work)
         return result
     except Exception as error:
         problem = sentence(error)
         _tracebacks.exception(problem)
-        failure.write_text(problem, encoding="utf-8")
         if sweep_folder is None:  # Hydra would add a line of its own to an exception
             sys.exit(f"pgdl-lab: {problem}" + ("" if isinstance(error, EXPECTED) else f" (see {folder}/run.log)"))
+        (folder / sweep.FAILURE).write_text(problem, encoding="utf-8")
         _log.error("Job %s failed: %s", folder.name, problem)
         raise
 

@@ -1,7 +1,7 @@
 """An experiment: everything that one run is made of, built from its configuration."""
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import FrozenInstanceError, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ SETTINGS = {"observation": Observation, "optimizer": OptimizerSettings, "trainer
 
 @dataclass(frozen=True)
 class Experiment:
-    """One finger, how it is simulated and how a surrogate of it is trained: instances of what the configuration names."""
+    """A finger, how it is simulated and how a surrogate of it is trained: instances of what the configuration names."""
 
     finger: Finger
     fem: Fem
@@ -35,6 +35,10 @@ class Experiment:
     optimizer: OptimizerSettings
     trainer: TrainerSettings
     seed: int
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.seed, int) or not 0 <= self.seed < 2**32:
+            raise InputError(f"seed is {self.seed}; it must be a whole number from 0 to 4294967295.")
 
     @classmethod
     def from_config(cls, config: DictConfig) -> "Experiment":
@@ -47,7 +51,13 @@ class Experiment:
         """
         if not config.loss:
             raise InputError("There is no loss to train on: choose at least one, for example loss=[data].")
-        parts: Any = OmegaConf.to_object(config)
+        try:
+            parts: Any = OmegaConf.to_object(config)
+        except FrozenInstanceError as error:
+            raise InputError(f"A field was added that does not exist ({error}): leave out the '+'.") from error
+        for name, settings in SETTINGS.items():
+            if not isinstance(parts[name], settings):
+                raise InputError(f"{name}={parts[name]} names no field: set {name}.{fields(settings)[0].name} or another.")
         return cls(**{field.name: parts[field.name] for field in fields(cls)})
 
 
@@ -60,6 +70,7 @@ def store_schema() -> None:
 def save(config: DictConfig, path: Path) -> None:
     """Write the resolved configuration with the names of its plugins, so that `restore` can build it again."""
     plain: Any = OmegaConf.to_container(config, resolve=True)
+    del plain["resume"]
     for kind in KINDS:
         if kind == "loss":
             plain[kind] = {key: _named(config[kind], key, fields) for key, fields in plain[kind].items()}

@@ -13,7 +13,7 @@ from pgdl_lab.errors import InputError
 
 
 def run_folder(resume: str | None) -> str:
-    """Folder of a run: the one that is resumed, else a new name from the time and a random ending, as runs may start together.
+    """Folder of a run: the resumed one, else a new name from the time and a random ending, as runs may start together.
 
     Raises
     ------

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig
-from omegaconf.errors import ConfigKeyError, OmegaConfBaseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.registry import choices, closest
+from pgdl_lab.registry import choices, closest, names
 
 EXPECTED = (LabError, HydraException, OmegaConfBaseException)
 """Errors whose sentence says all; others need their traceback."""
@@ -19,10 +19,11 @@ def sentence(error: BaseException) -> str:
     for cause in _chain(error):
         if isinstance(cause, LabError):
             return _one_line(str(cause))
-        if isinstance(cause, ConfigKeyError):
+        if isinstance(cause, ConfigKeyError | ConfigAttributeError):
             return _unknown_key(cause)
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
-            return _one_line(f"{cause.full_key}: {str(cause.msg).splitlines()[0]}")
+            text, raised, inner = str(cause.msg).splitlines()[0].partition(" raised while resolving interpolation: ")
+            return inner if raised else f"{cause.full_key}: {text}"
         if isinstance(cause, OverrideParseException):
             return _one_line(f"'{cause.override}' cannot be read as key=value: {cause.message}")
     choice = re.search(r"(?:find|load) '([\w/]+)/([^/']+)'", str(error))
@@ -33,18 +34,19 @@ def sentence(error: BaseException) -> str:
 
 
 def _chain(error: BaseException) -> Iterator[BaseException]:
-    """The causes of an error, the deepest first: Hydra wraps what others raise."""
+    """Causes of an error, the deepest first: Hydra and OmegaConf wrap what others raise."""
     if error.__cause__ is not None:
         yield from _chain(error.__cause__)
     yield error
 
 
-def _unknown_key(error: ConfigKeyError) -> str:
-    parent = error.parent_node
-    full_key = str(error.full_key or error.key)
-    place = full_key.rpartition(".")[0]
-    known = [str(key) for key in parent] if isinstance(parent, DictConfig) else []
-    return _unknown(str(error.key), known, f"setting '{place}.…' named" if place else "choice or setting")
+def _unknown_key(error: ConfigKeyError | ConfigAttributeError) -> str:
+    name = str(error.key)
+    known = [str(key) for key in error.parent_node if key != "hydra"] if isinstance(error.parent_node, DictConfig) else []
+    place = str(error.full_key or name).rpartition(".")[0]
+    if place == "loss" and name in names("loss"):
+        return f"The loss '{name}' is not chosen: type loss=[{','.join([*known, name])}] too."
+    return _unknown(name, known, f"{place} field" if place else "choice or setting")
 
 
 def _unknown(name: str, known: list[str], what: str) -> str:

@@ -1,0 +1,1 @@
+"""Task `simulate`: only the snapshots."""
