@@ -1,0 +1,79 @@
+"""What happens beside a training: checkpoints and the progress bar."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import lightning.pytorch as pl
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from pgdl_lab.learning.module import TrainingModule
+
+
+class Checkpoint(pl.Callback):
+    """Writes `path` at the end of an epoch, when the last time is `every_s` ago, and at the end of the training.
+
+    The file is written to a temporary name and renamed, so that a kill at any time leaves a whole one.
+
+    Parameters
+    ----------
+    path
+        The checkpoint file.
+    every_s
+        Time between checkpoints [s].
+    identity
+        What a training must agree on to resume from this checkpoint (JSON types).
+    """
+
+    def __init__(self, path: Path, every_s: float, identity: dict[str, Any]) -> None:
+        self.path = path
+        self.every_s = every_s
+        self.identity = identity
+        self._written_s = time.monotonic()
+
+    def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        last = trainer.should_stop or trainer.current_epoch + 1 >= (trainer.max_epochs or 0)
+        if last or time.monotonic() - self._written_s >= self.every_s:
+            temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+            try:
+                trainer.save_checkpoint(temporary)
+                os.replace(temporary, self.path)
+            finally:
+                temporary.unlink(missing_ok=True)
+            self._written_s = time.monotonic()
+
+    def on_save_checkpoint(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
+    ) -> None:
+        checkpoint["identity"] = self.identity
+
+
+class ProgressBar(pl.Callback):
+    """One line: share of the budget, epoch, total loss of the last history entry."""
+
+    def __init__(self) -> None:
+        self._bar = Progress(
+            TextColumn("training"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn(),
+            TextColumn("{task.description}"),
+        )  # fmt: skip
+        self._task: TaskID | None = None
+
+    def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        self._task = self._bar.add_task("", total=1.0)
+        self._bar.start()
+
+    def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        assert isinstance(pl_module, TrainingModule) and self._task is not None
+        # Lightning calls callbacks before the module, so the entry is that of an epoch before
+        loss = f", loss {pl_module.history[-1]['loss']:.3g}" if pl_module.history else ""
+        description = f"epoch {trainer.current_epoch + 1}{loss}"
+        self._bar.update(self._task, completed=pl_module.progress, description=description)
+
+    def on_train_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        self._bar.stop()
+
+    def on_exception(self, trainer: pl.Trainer, pl_module: pl.LightningModule, exception: BaseException) -> None:
+        self._bar.stop()

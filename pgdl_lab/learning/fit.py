@@ -1,0 +1,141 @@
+"""Training of a neural model from start or checkpoint to surrogate."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import lightning.pytorch as pl
+import numpy as np
+import torch
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.callbacks import Checkpoint, ProgressBar
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
+from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
+from pgdl_lab.learning.objective import Objective
+from pgdl_lab.registry import describe
+from pgdl_lab.surrogate import Record, read_safely
+
+if TYPE_CHECKING:
+    from pgdl_lab.learning.neural import NeuralModel
+
+
+def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
+    """Train `model`, resuming from `<folder>/checkpoints/last.ckpt` if it lies there.
+
+    Raises
+    ------
+    InputError
+        When the checkpoint is damaged or belongs to another training, or no GPU is there but asked for.
+    TrainingDiverged
+        When a loss or a weight is no longer finite; carries the surrogate of the last good weights.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(training.seed)
+        field = model.new_field(training)
+    objective = Objective(field, training.losses, training.samples, training.scene)
+    module = TrainingModule(objective, training.trainer, training.optimizer, training.seed)
+    identity = _identity(model, training)
+    path = training.folder / "checkpoints" / "last.ckpt"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    checkpoint = _checkpoint(path, identity)
+
+    def surrogate() -> NeuralSurrogate:
+        return NeuralSurrogate(model, Record(_ranges(training.samples), dict(training.provenance), module.history), field)
+
+    if checkpoint is not None and _finished(checkpoint, training):
+        module.load_state_dict(checkpoint["state_dict"])
+        module.on_load_checkpoint(checkpoint)
+        return surrogate()
+    trainer = _trainer(training, Checkpoint(path, training.trainer.checkpoint_every_s, identity))
+    try:
+        with warnings.catch_warnings():
+            # Lightning advises on data loaders and warns of a resume within an epoch; neither applies to slices in memory
+            warnings.filterwarnings("ignore", module="lightning")
+            trainer.fit(module, range(module.steps_per_epoch), ckpt_path=path if checkpoint else None, weights_only=True)
+    except TrainingDiverged as error:
+        module.restore_last_good()
+        error.surrogate = surrogate()
+        raise
+    return surrogate()
+
+
+def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
+    settings = training.trainer
+    if settings.accelerator == "gpu" and not torch.cuda.is_available():
+        raise InputError("trainer.accelerator is 'gpu', but PyTorch finds no GPU here; use trainer.accelerator=auto.")
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    return pl.Trainer(
+        accelerator="cpu" if settings.accelerator == "cpu" or not torch.cuda.is_available() else "gpu",
+        devices=1,
+        max_epochs=settings.max_epochs,
+        logger=training.logger or False,
+        callbacks=[checkpoint, *([ProgressBar()] if settings.progress else [])],
+        default_root_dir=training.folder,
+        enable_checkpointing=False,  # Lightning's own is not needed beside ours
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
+
+
+def _ranges(samples: Samples) -> dict[str, list[float]]:
+    columns = {"x_mm": samples.points_mm[:, 0], "z_mm": samples.points_mm[:, 1], "pressure_kpa": samples.pressures_kpa}
+    return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
+
+
+def _identity(model: NeuralModel, training: Training) -> dict[str, Any]:
+    """What a training must agree on with a checkpoint that it resumes from; budgets may differ."""
+    samples = training.samples
+    data = hashlib.sha256()
+    for values in (samples.points_mm, samples.pressures_kpa, samples.displacements_mm):
+        data.update(np.ascontiguousarray(values).tobytes())
+    return {
+        "model": describe(model),
+        "loss": {name: describe(loss) for name, loss in training.losses.items()},
+        "optimizer": vars(training.optimizer).copy(),
+        "seed": training.seed,
+        "data": data.hexdigest()[:12],
+    }
+
+
+def _checkpoint(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
+    """The checkpoint at `path`, None if there is none.
+
+    Raises
+    ------
+    InputError
+        When it is damaged or belongs to another training.
+    """
+    if not path.exists():
+        return None
+    checkpoint: Any = read_safely(path, "checkpoint")
+    if not isinstance(checkpoint, dict) or "identity" not in checkpoint:
+        raise InputError(f"{path} is not a checkpoint of pgdl_lab; delete it or choose another run folder.")
+    theirs, ours = _flat(checkpoint["identity"]), _flat(identity)
+    differing = [key for key in sorted({*theirs, *ours}) if theirs.get(key) != ours.get(key)]
+    if differing:
+        first = differing[0]
+        raise InputError(
+            f"{path} belongs to another training ({first} is {theirs.get(first)} there and {ours.get(first)} here); "
+            "delete it or choose another run folder."
+        )
+    return checkpoint
+
+
+def _flat(tree: Any, prefix: str = "") -> dict[str, Any]:
+    if not isinstance(tree, dict):
+        return {prefix: tree}
+    leaves: dict[str, Any] = {}
+    for key, value in tree.items():
+        leaves |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
+    return leaves
+
+
+def _finished(checkpoint: dict[str, Any], training: Training) -> bool:
+    budget = training.trainer
+    return checkpoint["elapsed_s"] >= budget.max_seconds or checkpoint["epoch"] + 1 >= budget.max_epochs

@@ -1,0 +1,124 @@
+"""A displacement field on coordinates that know the body."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.field import Field
+from pgdl_lab.learning.jet import ROWS, propagate
+from pgdl_lab.learning.triangulation import Triangulation
+
+# The least-squares start punishes mode m in the k-th Chebyshev polynomial by RIDGE · (λ_m / λ_max)² · GROWTH^k per sample:
+# fast changes along the body and in pressure are taken up only as far as the data ask for them.
+RIDGE = 1e-2
+GROWTH = 16.0
+FLOOR = 1e-6  # keeps the normal matrix regular where the data say nothing
+
+
+class ModalField(Field):
+    """A network of the body's Laplace eigenfunctions gives coefficients of Chebyshev polynomials in the pressure.
+
+    Two chambers that part across a slot lie close in the plane and far apart along the body. The eigenfunctions of the
+    body tell them apart, so the network can be smooth where the displacement is not. It has a linear part, which starts
+    from a linear least-squares fit of the training data, and a deep part, which starts from zero.
+
+    Parameters
+    ----------
+    points_mm, triangles
+        (N, 2) float64 [mm] and (T, 3) int64, the undeformed body.
+    modes, eigenvalues
+        (N, M) and (M,) [1/mm²], see `Triangulation.modes`.
+    range_kpa
+        (2,), pressures that are mapped to −1 and 1 [kPa].
+    deep
+        The deep part, from (…, M) to (…, 2 (degree + 1)).
+    degree
+        Degree in the pressure.
+    dtype
+        Type of the weights.
+    """
+
+    points_mm: Tensor
+    triangles: Tensor
+    modes: Tensor
+    eigenvalues: Tensor
+    range_kpa: Tensor
+
+    def __init__(
+        self,
+        points_mm: Tensor,
+        triangles: Tensor,
+        modes: Tensor,
+        eigenvalues: Tensor,
+        range_kpa: Tensor,
+        deep: nn.Sequential,
+        degree: int,
+        dtype: torch.dtype,
+    ) -> None:
+        super().__init__()
+        for name, table in (("points_mm", points_mm), ("triangles", triangles), ("modes", modes), ("eigenvalues", eigenvalues)):
+            self.register_buffer(name, table)
+        self.register_buffer("range_kpa", range_kpa)
+        self.deep = deep
+        self.linear = nn.Linear(modes.shape[1], 2 * (degree + 1))
+        self.degree = degree
+        self.dtype = dtype
+        self.to(dtype)
+        self.points_mm = points_mm  # stays in float64: points are located in it
+
+    @cached_property
+    def body(self) -> Triangulation:
+        """The undeformed body."""
+        return Triangulation(self.points_mm.cpu().numpy(), self.triangles.cpu().numpy())
+
+    def coordinates(self, points_mm: NDArray[np.float64], order: int) -> Tensor:
+        corners, weights = self.body.locate(points_mm)
+        modes = self.modes.cpu().double().numpy()
+        tables = [modes, *(matrix @ modes for matrix in self.body.derivatives[: ROWS[order] - 1])] if order else [modes]
+        rows = [np.einsum("nc,ncm->nm", weights, table[corners]) for table in tables]
+        return torch.from_numpy(np.stack(rows)).to(self.dtype)
+
+    def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        return torch.einsum("jnkc,nk->jnc", self.coefficients(coordinates), self.polynomials(pressures_kpa))
+
+    def coefficients(self, coordinates: Tensor) -> Tensor:
+        """Coefficients (J, n, degree + 1, 2) [mm] and derivatives from coordinates (J, n, M)."""
+        return (propagate(self.deep, coordinates) + propagate(self.linear, coordinates)).unflatten(-1, (-1, 2))
+
+    def polynomials(self, pressures_kpa: Tensor) -> Tensor:
+        """Chebyshev polynomials (n, degree + 1) at pressures (n,) [kPa]; they go on beyond the range."""
+        low, high = self.range_kpa
+        t = (2 * pressures_kpa - low - high) / (high - low)
+        columns = [torch.ones_like(t), t]
+        while len(columns) <= self.degree:
+            columns.append(2 * t * columns[-1] - columns[-2])
+        return torch.stack(columns[: self.degree + 1], dim=-1)
+
+    def displacements(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        return torch.einsum("nkc,pk->pnc", self.coefficients(coordinates)[0], self.polynomials(pressures_kpa))
+
+    @torch.no_grad()
+    def start_from(self, samples: Samples) -> None:
+        """Set the linear part to the least-squares fit of `samples` and the last layer of the deep part to zero."""
+        modes = self.coordinates(samples.points_mm, order=0)[0].double()
+        modes = torch.cat([torch.ones(len(modes), 1, dtype=torch.double), modes], dim=1)
+        polynomials = self.polynomials(torch.from_numpy(samples.pressures_kpa))
+        design = torch.einsum("nk,nm->nkm", polynomials.double(), modes).flatten(1)
+        roughness = torch.cat([torch.zeros(1), self.eigenvalues.double() / self.eigenvalues.max()]).square() + FLOOR
+        growth = GROWTH ** torch.arange(self.degree + 1, dtype=torch.double)
+        ridge = RIDGE * len(modes) * torch.outer(growth, roughness).flatten()
+        normal = design.T @ design + torch.diag(ridge)
+        fitted = torch.linalg.solve(normal, design.T @ torch.from_numpy(samples.displacements_mm))
+        weights = fitted.unflatten(0, (self.degree + 1, -1)).transpose(1, 2).flatten(0, 1)  # row 2 k + component
+        self.linear.bias.copy_(weights[:, 0])
+        self.linear.weight.copy_(weights[:, 1:])
+        last = self.deep[-1]
+        assert isinstance(last, nn.Linear)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)

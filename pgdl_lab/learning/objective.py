@@ -1,0 +1,103 @@
+"""The total loss of a field: its terms, evaluated on shared jets."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.activations import PIECEWISE_LINEAR
+from pgdl_lab.learning.data import Samples, Scene
+from pgdl_lab.learning.field import Field
+from pgdl_lab.loss import Loss
+
+_log = logging.getLogger(__name__)
+
+
+class Objective(nn.Module):
+    """The weighted sum of loss terms over batches of training points.
+
+    All data lie in memory, on the device of the field, and a batch is a slice of them.
+
+    Parameters
+    ----------
+    field
+        The field that is trained.
+    losses
+        Terms by name.
+    samples, scene
+        Training points and body.
+
+    Raises
+    ------
+    InputError
+        When there is no term.
+    """
+
+    def __init__(self, field: Field, losses: Mapping[str, Loss], samples: Samples, scene: Scene) -> None:
+        super().__init__()
+        if not losses:
+            raise InputError("loss=[] leaves nothing to minimise; give at least one, such as loss=[data].")
+        self.field = field
+        self.losses = dict(losses)
+        self.scene = scene
+        own = {name: points for name, loss in self.losses.items() if (points := loss.own_points(scene)) is not None}
+        self.order = max((loss.order for name, loss in self.losses.items() if name not in own), default=0)
+        self.range_kpa = float(samples.pressures_kpa.min()), float(samples.pressures_kpa.max())
+        self._keep("inputs", field.coordinates(samples.points_mm, self.order))
+        self._keep("pressures", torch.from_numpy(samples.pressures_kpa))
+        self._keep("targets", torch.from_numpy(samples.displacements_mm))
+        for name, (points, targets) in own.items():
+            self._keep(f"{name}_inputs", field.coordinates(points, self.losses[name].order))
+            self._keep(f"{name}_targets", torch.from_numpy(targets))
+        self.own = tuple(own)
+        self._warn_of_lost_curvature()
+
+    def _keep(self, name: str, data: Tensor) -> None:
+        dtype = next(self.field.parameters()).dtype
+        self.register_buffer(name, data.to(dtype), persistent=False)
+
+    def _warn_of_lost_curvature(self) -> None:
+        flat = {type(layer).__name__ for layer in self.field.modules() if isinstance(layer, PIECEWISE_LINEAR)}
+        for name, loss in self.losses.items():
+            if flat and loss.order >= 2:
+                _log.warning(
+                    "Loss %s uses second derivatives, which are zero everywhere in a network of %s: they train nothing, "
+                    "only first derivatives in it do; choose model.activation=tanh, silu, gelu or sin.",
+                    name, " and ".join(sorted(flat)),
+                )  # fmt: skip
+
+    def terms(self, batch: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+        """Unweighted terms at the training points `batch` (n,); `generator` draws the pressures of own points."""
+        buffers = dict(self.named_buffers(recurse=False))
+        jet = self.field.jet(self.inputs[:, batch], self.pressures[batch], self.order)
+        values = {}
+        for name, loss in self.losses.items():
+            if name in self.own:
+                inputs, targets = buffers[f"{name}_inputs"], buffers[f"{name}_targets"]
+                low, high = self.range_kpa
+                drawn = low + (high - low) * torch.rand(len(targets), generator=generator)
+                own_jet = self.field.jet(inputs, drawn.to(targets), loss.order)
+                values[name] = loss.value(own_jet, targets, self.scene)
+            else:
+                values[name] = loss.value(jet, self.targets[batch], self.scene)
+        return values
+
+    def total(self, terms: Mapping[str, Tensor]) -> Tensor:
+        """Weighted sum of the terms."""
+        return torch.stack([self.losses[name].weight * value for name, value in terms.items()]).sum()
+
+    def gradient_shares(self, terms: Mapping[str, Tensor]) -> dict[str, float]:
+        """Norm of each weighted term's gradient by the weights, as a share of the sum of these norms."""
+        weights = [weight for weight in self.field.parameters() if weight.requires_grad]
+        norms = {}
+        for name, value in terms.items():
+            gradients = torch.autograd.grad(
+                self.losses[name].weight * value, weights, retain_graph=True, allow_unused=True
+            ) if value.requires_grad else ()  # fmt: skip
+            norms[name] = sum(float(gradient.square().sum()) for gradient in gradients if gradient is not None) ** 0.5
+        whole = sum(norms.values())
+        return {name: norm / whole if whole else 0.0 for name, norm in norms.items()}

@@ -1,0 +1,144 @@
+"""Functions on a triangulated body: its vibration modes, interpolation and derivatives that never look across a slot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import eigsh
+from scipy.spatial import cKDTree
+
+from pgdl_lab.errors import InputError
+
+OUTSIDE = 1e-3  # a point may lie outside the triangles by this share of the body's diagonal, as rounding puts it there
+CANDIDATES = 16  # triangles with the nearest centres that are tried before all of them are
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Triangulation:
+    """A triangulated plane body.
+
+    Attributes
+    ----------
+    points_mm
+        (N, 2) float64 [mm].
+    triangles
+        (T, 3) int64.
+    """
+
+    points_mm: Floats
+    triangles: Ints
+
+    @cached_property
+    def _edges(self) -> tuple[Floats, Floats]:
+        """Edge vectors opposite to each corner (T, 3, 2) [mm] and signed areas (T,) [mm²]."""
+        corners = self.points_mm[self.triangles]
+        edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        areas = (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
+        return edges, areas
+
+    def modes(self, count: int) -> tuple[Floats, Floats]:
+        """Eigenfunctions of the Laplacian on the body with free edges, the constant left out.
+
+        Linear triangles: −∇²φ = λ φ in the body, ∂φ/∂n = 0 on its edge.
+
+        Parameters
+        ----------
+        count
+            How many, from the lowest eigenvalue.
+
+        Returns
+        -------
+        The functions (N, count) at the points, of mean square 1 over the body, and their eigenvalues (count,) [1/mm²].
+        """
+        edges, areas = self._edges
+        size = np.abs(areas)
+        local = np.einsum("tai,tbi,t->tab", edges, edges, 1 / (4 * size)), size[:, None, None] / 12 * (np.eye(3) + 1)
+        row, column = np.repeat(self.triangles, 3, axis=1).ravel(), np.tile(self.triangles, 3).ravel()
+        shape = (len(self.points_mm),) * 2
+        stiffness, mass = (sp.csc_matrix((np.ravel(part), (row, column)), shape=shape) for part in local)
+        # the shift lies just below the constant's eigenvalue 0, so that the matrix can be factorised
+        shift = -1e-4 / size.sum()
+        values, functions = eigsh(stiffness, count + 1, mass, sigma=shift, v0=np.ones(shape[0]))
+        return functions[:, 1:] * np.sqrt(size.sum()), values[1:]
+
+    def locate(self, points_mm: Floats) -> tuple[Ints, Floats]:
+        """Corners (M, 3) of the triangles around points (M, 2) [mm], and the points' weights (M, 3) on them.
+
+        Raises
+        ------
+        InputError
+            When a point lies outside the body.
+        """
+        near = self._tree.query(points_mm, k=min(CANDIDATES, len(self.triangles)))[1].reshape(len(points_mm), -1)
+        chosen, weights = self._best(points_mm, near)
+        gap_mm = self._distance(points_mm, chosen, weights)
+        lost = gap_mm > self._tolerance_mm
+        if lost.any():
+            everywhere = np.broadcast_to(np.arange(len(self.triangles)), (1, len(self.triangles)))
+            for i in np.flatnonzero(lost):
+                chosen[i : i + 1], weights[i : i + 1] = self._best(points_mm[i : i + 1], everywhere)
+            gap_mm = self._distance(points_mm, chosen, weights)
+            if gap_mm.max() > self._tolerance_mm:
+                x, z = points_mm[gap_mm.argmax()]
+                raise InputError(
+                    f"{int((gap_mm > self._tolerance_mm).sum())} points lie outside the undeformed body, such as "
+                    f"x = {x:g}, z = {z:g} mm; leave them out."
+                )
+        return self.triangles[chosen], weights
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points_mm[self.triangles].mean(axis=1))
+
+    @cached_property
+    def _tolerance_mm(self) -> float:
+        return OUTSIDE * float(np.linalg.norm(np.ptp(self.points_mm, axis=0)))
+
+    def _best(self, points_mm: Floats, candidates: Ints) -> tuple[Ints, Floats]:
+        """Of the candidate triangles (M, C), those (M,) that hold the points best, and weights (M, 3) clipped to them."""
+        edges, areas = self._edges
+        offset = points_mm[:, None, None] - np.roll(self.points_mm[self.triangles[candidates]], -1, axis=2)
+        edge = edges[candidates]
+        weights = (edge[..., 0] * offset[..., 1] - edge[..., 1] * offset[..., 0]) / (2 * areas[candidates][..., None])
+        best = weights.min(axis=2).argmax(axis=1)
+        row = np.arange(len(points_mm))
+        clipped = np.clip(weights[row, best], 0, None)
+        return candidates[0 if len(candidates) == 1 else row, best], clipped / clipped.sum(axis=1, keepdims=True)
+
+    def _distance(self, points_mm: Floats, chosen: Ints, weights: Floats) -> Floats:
+        corners = self.points_mm[self.triangles[chosen]]
+        return np.linalg.norm(np.einsum("mc,mci->mi", weights, corners) - points_mm, axis=1)
+
+    @cached_property
+    def derivatives(self) -> list[sp.csr_matrix]:
+        """Five (N, N) matrices that turn nodal values into nodal ∂x, ∂z [1/mm] and ∂xx, ∂zz, ∂xz [1/mm²].
+
+        At each point a quadratic is fitted by least squares to the values on the points around it that are reached
+        along the body's edges (Z. Zhang & A. Naga, A new finite element gradient recovery method, 2005).
+        """
+        count = len(self.points_mm)
+        pairs = self.triangles[:, [0, 1, 2, 1, 2, 0]].T.ravel(), self.triangles[:, [1, 2, 0, 0, 1, 2]].T.ravel()
+        step = sp.csr_matrix((np.ones(len(pairs[0])), pairs), shape=(count, count)) + sp.identity(count, format="csr")
+        around = (step @ step).tocsr()
+        wider = (around @ step).tocsr()
+        rows, columns, fits = [], [], []
+        for node in range(count):
+            patch = around.indices[around.indptr[node] : around.indptr[node + 1]]
+            if len(patch) < 12:  # a quadratic has 6 coefficients; twice as many values keep the fit from being ragged
+                patch = wider.indices[wider.indptr[node] : wider.indptr[node + 1]]
+            offset = self.points_mm[patch] - self.points_mm[node]
+            length = np.abs(offset).max()
+            x, z = (offset / length).T
+            fit = np.linalg.pinv(np.stack([np.ones_like(x), x, z, x * x / 2, z * z / 2, x * z], axis=1))[1:]
+            fits.append(fit / np.array([length, length, length**2, length**2, length**2])[:, None])
+            rows.append(np.full(len(patch), node))
+            columns.append(patch)
+        row, column, values = np.concatenate(rows), np.concatenate(columns), np.concatenate(fits, axis=1)
+        return [sp.csr_matrix((value, (row, column)), shape=(count, count)) for value in values]

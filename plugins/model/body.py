@@ -1,0 +1,72 @@
+"""Model `body`: a network on coordinates that know the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.neural import NeuralModel
+from pgdl_lab.registry import register
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.modal import ModalField
+
+
+@register("model", "body")
+@dataclass(frozen=True)
+class Body(NeuralModel):
+    """A network of the body's Laplace eigenfunctions, polynomial in the pressure; see `ModalField`.
+
+    Attributes
+    ----------
+    modes
+        Number of eigenfunctions; bodies of fewer than 4 times as many points get a quarter of their points.
+    degree
+        Degree of the polynomials in the pressure.
+    """
+
+    depth: int = 3
+    modes: int = 128
+    degree: int = 5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("modes", "degree"):
+            if getattr(self, name) < 1:
+                raise InputError(f"model.{name} is {getattr(self, name)}; it must be at least 1.")
+
+    def new_field(self, training: Training) -> ModalField:
+        import torch
+
+        from pgdl_lab.learning.triangulation import Triangulation
+
+        scene = training.scene
+        count = min(self.modes, len(scene.points_mm) // 4)
+        modes, eigenvalues = Triangulation(scene.points_mm, scene.triangles).modes(count)
+        field = self._field(
+            torch.from_numpy(scene.points_mm),
+            torch.from_numpy(scene.triangles),
+            torch.from_numpy(modes),
+            torch.from_numpy(eigenvalues),
+            torch.tensor([0.0, training.samples.pressures_kpa.max()]),
+        )
+        field.start_from(training.samples)
+        return field
+
+    def stored_field(self, state: Mapping[str, Tensor]) -> ModalField:
+        return self._field(*(state[name] for name in ("points_mm", "triangles", "modes", "eigenvalues", "range_kpa")))
+
+    def _field(
+        self, points_mm: Tensor, triangles: Tensor, modes: Tensor, eigenvalues: Tensor, range_kpa: Tensor
+    ) -> ModalField:
+        from pgdl_lab.learning.layers import DTYPES, fully_connected
+        from pgdl_lab.learning.modal import ModalField
+
+        deep = fully_connected(modes.shape[1], 2 * (self.degree + 1), self.depth, self.width, self.activation)
+        dtype = DTYPES[self.dtype]
+        return ModalField(points_mm, triangles, modes, eigenvalues, range_kpa, deep, self.degree, dtype)

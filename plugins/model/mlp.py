@@ -1,0 +1,67 @@
+"""Model `mlp`: a plain fully connected network of place and pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.neural import NeuralModel
+from pgdl_lab.registry import register
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.field import PlaneField
+
+
+@register("model", "mlp")
+@dataclass(frozen=True)
+class Mlp(NeuralModel):
+    """A fully connected network of (x, z, p), as in the paper (section II-E).
+
+    Attributes
+    ----------
+    interval
+        Interval that inputs and outputs are scaled to by their training ranges; the paper's is [0, 1].
+    """
+
+    interval: list[float] = field(default_factory=lambda: [-1.0, 1.0])
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.interval) != 2 or not self.interval[0] < self.interval[1]:
+            raise InputError(f"model.interval is {list(self.interval)}; give two rising numbers, such as [-1, 1].")
+
+    def new_field(self, training: Training) -> PlaneField:
+        samples = training.samples
+        inputs = np.column_stack([samples.points_mm, samples.pressures_kpa])
+        return self._field(inputs.min(axis=0), inputs.max(axis=0), *(
+            bound(samples.displacements_mm, axis=0) for bound in (np.min, np.max)
+        ))  # fmt: skip
+
+    def stored_field(self, state: Mapping[str, Tensor]) -> PlaneField:
+        return self._field(np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
+
+    def _field(self, low_in: np.ndarray, high_in: np.ndarray, low_out: np.ndarray, high_out: np.ndarray) -> PlaneField:
+        """The network between two scalings, for the given ranges of inputs (3,) and outputs (2,)."""
+        import torch
+
+        from pgdl_lab.learning.field import PlaneField
+        from pgdl_lab.learning.jet import Affine
+        from pgdl_lab.learning.layers import DTYPES, fully_connected
+
+        low, high = self.interval
+        # a range of width zero, such as that of a single pressure, is scaled as if it were 1 wide
+        span_in, span_out = (np.where(span > 0, span, 1.0) for span in (high_in - low_in, high_out - low_out))
+        scale_in, scale_out = (high - low) / span_in, span_out / (high - low)
+        layers = torch.nn.Sequential(
+            Affine(torch.from_numpy(scale_in), torch.from_numpy(low - low_in * scale_in)),
+            *fully_connected(3, 2, self.depth, self.width, self.activation),
+            Affine(torch.from_numpy(scale_out), torch.from_numpy(low_out - low * scale_out)),
+        )
+        return PlaneField(layers, DTYPES[self.dtype])
