@@ -46,8 +46,9 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
         If there is no such kind, or another class has that name.
     """
 
+    known = _plugins[closest(kind, KINDS, "plugin kind")]
+
     def decorate(cls: Plugin) -> Plugin:
-        known = _plugins[closest(kind, KINDS, "plugin kind")]
         other = known.get(name)
         if other is not None and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
             raise InputError(f"{kind} '{name}' is registered by {other.__module__} and {cls.__module__}: rename one.")
@@ -95,18 +96,15 @@ def _modules() -> Iterable[str]:
         except ModuleNotFoundError:
             continue
         found: dict[str, str] = {}
-        for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda info: info.name):
-            folder = str(getattr(info.module_finder, "path", ""))
-            if info.name.startswith("_"):
-                continue
-            if info.name in found:
-                _log.warning(
-                    "Plugin file %s/%s.py is ignored: %s/%s.py has the same name; rename one of them",
-                    folder, info.name, found[info.name], info.name,
-                )  # fmt: skip
-                continue
-            found[info.name] = folder
-            yield f"{package.__name__}.{info.name}"
+        for folder in package.__path__:
+            for _, name, _ in pkgutil.iter_modules([folder]):
+                if name in found:
+                    _log.warning(
+                        "Plugin %s/%s.py is left out: %s/ has one of that name; rename it", folder, name, found[name]
+                    )
+                elif not name.startswith("_"):
+                    found[name] = folder
+        yield from (f"{package.__name__}.{name}" for name in sorted(found))
 
 
 def _load(label: str, load: Callable[[], object]) -> None:

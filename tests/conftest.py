@@ -1,0 +1,53 @@
+"""Fixtures shared by all tests. Nothing is ever written into the checkout."""
+
+import atexit
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+_root = tempfile.mkdtemp(prefix="pgdl_lab_tests_")
+atexit.register(shutil.rmtree, _root, ignore_errors=True)
+os.environ["PGDL_LAB_ROOT"] = _root  # before anything imports pgdl_lab.paths
+os.environ.pop("MLFLOW_TRACKING_URI", None)
+
+Lab = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="session")
+def migrated_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty MLflow database; making the tables takes seconds, so tests copy it."""
+    from mlflow import MlflowClient
+
+    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
+    MlflowClient(f"sqlite:///{path}").search_experiments()
+    return path
+
+
+@pytest.fixture
+def root(tmp_path: Path, migrated_database: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A root of its own for what runs inside the test process."""
+    from pgdl_lab import paths
+
+    shutil.copy(migrated_database, tmp_path / "mlflow.db")
+    (tmp_path / "runs").mkdir()
+    monkeypatch.setattr(paths, "ROOT", tmp_path)
+    monkeypatch.setattr(paths, "RUNS", tmp_path / "runs")
+    return tmp_path
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Lab:
+    """Run `python -m pgdl_lab` with the given arguments in a process and a root of its own."""
+
+    def run(*args: str) -> subprocess.CompletedProcess[str]:
+        environment = {**os.environ, "PGDL_LAB_ROOT": str(tmp_path), "OMP_NUM_THREADS": "1"}
+        command = [sys.executable, "-m", "pgdl_lab", *args]
+        return subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    return run
