@@ -3,8 +3,23 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+from pgdl_lab.errors import LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.snapshots import Observation, Snapshots
+
+
+class SimulationStopped(LabError):
+    """No equilibrium was found beyond some pressure.
+
+    Attributes
+    ----------
+    snapshots
+        What converged; may hold no snapshot at all.
+    """
+
+    def __init__(self, message: str, snapshots: Snapshots) -> None:
+        super().__init__(message)
+        self.snapshots = snapshots
 
 
 @dataclass(frozen=True)
@@ -17,6 +32,8 @@ class Fem(ABC):
 
         Raises
         ------
+        InputError
+            When finger and model do not fit together.
         SimulationStopped
-            When no equilibrium is found beyond some pressure; carries the snapshots that converged.
+            When the finger cannot bear the highest pressure; carries the snapshots that converged.
         """

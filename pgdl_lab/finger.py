@@ -2,15 +2,23 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from pgdl_lab.mechanics.body import Body
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.mechanics.face import Face, observe
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.profile import Profile
+
+if TYPE_CHECKING:
+    from skfem import MeshHex
 
 
 @dataclass(frozen=True)
 class Finger(ABC):
-    """A pneumatic soft finger, clamped at x = 0, bending in the x–z plane.
+    """A pneumatic soft finger, clamped at x = 0, bending in the x–z plane, symmetric about y = 0.
 
     Attributes
     ----------
@@ -29,26 +37,62 @@ class Finger(ABC):
     density_kg_m3: float = 1130.0
     material: Yeoh = field(default_factory=Yeoh)
 
+    def __post_init__(self) -> None:
+        if not 0 < self.max_kpa < np.inf:
+            raise InputError(f"finger.max_kpa is {self.max_kpa} kPa; it must be a positive pressure.")
+        if not 0 <= self.density_kg_m3 < np.inf:
+            raise InputError(f"finger.density_kg_m3 is {self.density_kg_m3} kg/m³; it must not be negative.")
+        if len(self.gravity_m_s2) != 2 or not np.isfinite(self.gravity_m_s2).all():
+            raise InputError(f"finger.gravity_m_s2 is {self.gravity_m_s2}; give its x and z components in m/s², e.g. [0,-9.81].")
+
+    @property
+    def body_force_n_mm3(self) -> NDArray[np.float64]:
+        """Weight per undeformed volume along x and z (2,) [N/mm³]."""
+        return self.density_kg_m3 * 1e-12 * 1e3 * np.asarray(self.gravity_m_s2)
+
     @abstractmethod
-    def body(self, edge_mm: float) -> Body:
-        """Mesh of the half finger (y ≥ 0) with element edges of at most `edge_mm` [mm]."""
+    def mesh(self, edge_mm: float) -> "MeshHex":
+        """Mesh of the half finger y ≥ 0 [mm], element edges at most `edge_mm` [mm].
+
+        Its named boundaries are `clamp` (held fixed), `symmetry` (y = 0) and `cavity` (under pressure).
+        """
+
+    @abstractmethod
+    def face(self, points: int) -> Face:
+        """The observed side face, with `points` points."""
 
 
 @dataclass(frozen=True)
 class ExtrudedFinger(Finger):
-    """A finger whose body is one x–z profile extruded along y, closed by side walls.
+    """A finger whose body is one x–z profile extruded along y, with side walls that close the cavities.
 
     Attributes
     ----------
     width_mm
         Full width along y [mm].
     side_wall_mm
-        Thickness of the two side walls that close the cavities [mm].
+        Thickness of each of the two side walls [mm].
     """
 
     width_mm: float = 16.0
     side_wall_mm: float = 3.0
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.side_wall_mm <= 0 or self.width_mm <= 2 * self.side_wall_mm:
+            raise InputError(
+                f"finger.side_wall_mm is {self.side_wall_mm} mm; it must be above 0 and below half of finger.width_mm "
+                f"({self.width_mm / 2} mm), else there is no cavity."
+            )
+
     @abstractmethod
     def profile(self) -> Profile:
-        """The x–z section through the cavities, with regions solid, cavity and gap."""
+        """The x–z section through the cavities."""
+
+    def mesh(self, edge_mm: float) -> "MeshHex":
+        from pgdl_lab.mechanics.extrude import extrude
+
+        return extrude(self.profile(), self.width_mm / 2, self.side_wall_mm, edge_mm)
+
+    def face(self, points: int) -> Face:
+        return observe(self.profile(), points, self.width_mm / 2)

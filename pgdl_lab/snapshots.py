@@ -1,10 +1,22 @@
-"""The dataset: displacements of the side face at rising pressures."""
+"""The dataset: displacements of the side face at rising pressures, and its HDF5 file."""
 
+import json
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.files import replacing
+
+FORMAT = "pgdl_lab snapshots"
+VERSION = 1
+
+
+class DamagedSnapshots(LabError):
+    """A file that does not hold snapshots, or not whole."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +33,41 @@ class Observation:
 
     snapshots: int = 100
     points: int = 4439
+
+    def __post_init__(self) -> None:
+        if self.snapshots < 1:
+            raise InputError(f"observation.snapshots is {self.snapshots}; at least 1 pressure must be observed.")
+        if self.points < 4:
+            raise InputError(f"observation.points is {self.points}; at least 4 points are needed to cover a face.")
+
+    def pressures_kpa(self, max_kpa: float) -> NDArray[np.float64]:
+        """Observed pressures (P,) [kPa] up to and including `max_kpa` [kPa]."""
+        return max_kpa * np.arange(1, self.snapshots + 1) / self.snapshots
+
+
+@dataclass(frozen=True)
+class Body:
+    """The whole simulated body at the pressures that were solved for.
+
+    Attributes
+    ----------
+    positions
+        (M, 3) float64, undeformed nodes [mm].
+    cells
+        (E, A) int64, nodes of each element in the order of VTK.
+    cell_type
+        Name of the element in meshio.
+    pressures_kpa
+        (K,) float64, rising from zero [kPa].
+    displacements
+        (K, M, 3) float64 [mm].
+    """
+
+    positions: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    cell_type: str
+    pressures_kpa: NDArray[np.float64]
+    displacements: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -41,6 +88,8 @@ class Snapshots:
         (P,) float64, rising [kPa].
     displacements
         (P, N, 2) float64, u_x and u_z [mm].
+    body
+        The whole body at the equilibria that were solved for; None where the model has no body.
     provenance
         Finger, mesh, material, solver, versions: everything needed to say where the numbers come from (JSON types only).
     """
@@ -51,4 +100,75 @@ class Snapshots:
     clamp: NDArray[np.int64]
     pressures_kpa: NDArray[np.float64]
     displacements: NDArray[np.float64]
+    body: Body | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    def save(self, path: Path) -> None:
+        """Write an HDF5 file; `path` appears only when the file is whole."""
+        import h5py
+
+        with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+            file.attrs.update(format=FORMAT, version=VERSION, provenance=json.dumps(self.provenance))
+            _write(file, self)
+            if self.body is not None:
+                _write(file.create_group("body"), self.body)
+
+    @classmethod
+    def load(cls, path: Path) -> "Snapshots":
+        """Read what `save` wrote; nothing in the file is ever run as code.
+
+        Raises
+        ------
+        DamagedSnapshots
+            When the file is truncated, altered or not one of ours; the message says which.
+        """
+        import h5py
+
+        try:
+            with h5py.File(path, "r") as file:
+                if file.attrs.get("format") != FORMAT:
+                    raise DamagedSnapshots(f"{path} is an HDF5 file, but does not hold snapshots of pgdl_lab.")
+                if file.attrs["version"] != VERSION:
+                    raise DamagedSnapshots(
+                        f"{path} has version {file.attrs['version']} of the format, but this is version {VERSION}; "
+                        "delete it to compute it again."
+                    )
+                body = _read(file["body"], Body) if "body" in file else None
+                snapshots = cls(body=body, provenance=json.loads(file.attrs["provenance"]), **_arrays(file, cls))
+        except (OSError, KeyError, ValueError, TypeError) as error:
+            raise DamagedSnapshots(f"{path} is no readable snapshot file, it may be truncated ({error}).") from error
+        snapshots._check(path)
+        return snapshots
+
+    def _check(self, path: Path) -> None:
+        nodes, pressures = len(self.points), len(self.pressures_kpa)
+        fits = (
+            self.points.shape == (nodes, 2)
+            and self.displacements.shape == (pressures, nodes, 2)
+            and all(index.size == 0 or index.max() < nodes for index in (self.triangles, self.base, self.clamp))
+            and np.isfinite(self.displacements).all()
+        )
+        if not fits:
+            raise DamagedSnapshots(f"{path} holds arrays that do not fit together; delete it to compute it again.")
+
+
+def _array_names(cls: type) -> list[str]:
+    return [name for name, hint in get_type_hints(cls).items() if getattr(hint, "__origin__", None) is np.ndarray]
+
+
+def _write(group: Any, record: Snapshots | Body) -> None:
+    for name in _array_names(type(record)):
+        array = getattr(record, name)
+        # The checksum needs chunks; a chunk of one snapshot is what readers ask for.
+        chunks = (1, *array.shape[1:]) if array.ndim == 3 else array.shape
+        group.create_dataset(name, data=array, chunks=chunks if array.size else None, fletcher32=bool(array.size))
+    if isinstance(record, Body):
+        group.attrs["cell_type"] = record.cell_type
+
+
+def _arrays(group: Any, cls: type) -> dict[str, NDArray[Any]]:
+    return {name: group[name][()] for name in _array_names(cls)}
+
+
+def _read(group: Any, cls: type[Body]) -> Body:
+    return cls(cell_type=str(group.attrs["cell_type"]), **_arrays(group, cls))

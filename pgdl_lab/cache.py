@@ -1,0 +1,84 @@
+"""Each simulation is computed once: snapshots are kept under a hash of everything that determines them."""
+
+import hashlib
+import inspect
+import json
+import logging
+import os
+from pathlib import Path
+
+from pgdl_lab import mechanics
+from pgdl_lab.errors import LabError
+from pgdl_lab.fem import Fem, SimulationStopped
+from pgdl_lab.finger import Finger
+from pgdl_lab.registry import describe
+from pgdl_lab.snapshots import VERSION, DamagedSnapshots, Observation, Snapshots
+
+_log = logging.getLogger(__name__)
+
+
+def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observation) -> Path:
+    """Where the snapshots of this simulation lie in `folder`, computed or not.
+
+    The name holds a hash of the configuration and of the code that turns it into numbers, so that neither a changed field nor an edited
+    plugin meets old results.
+    """
+    folders = [Path(entry) for entry in mechanics.__path__]
+    code = sorted(path for entry in folders for path in entry.glob("*.py"))
+    code += [Path(inspect.getfile(type(part))) for part in (finger, fem)]
+    digest = hashlib.sha256()
+    what = [VERSION, describe(finger), describe(fem), [observation.snapshots, observation.points]]
+    digest.update(json.dumps(what, sort_keys=True).encode())
+    for path in code:
+        digest.update(path.read_bytes())
+    return folder / f"{describe(finger)['name']}-{describe(fem)['name']}-{digest.hexdigest()[:16]}.h5"
+
+
+def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Snapshots, Path, bool]:
+    """Snapshots of a simulation, from `folder` if they are there, else computed and kept there.
+
+    Runs that ask for the same simulation at the same time wait for the first of them.
+
+    Returns
+    -------
+    snapshots
+        The dataset.
+    path
+        Its file.
+    cached
+        Whether it was there already.
+
+    Raises
+    ------
+    LabError
+        When `folder` cannot be written.
+    SimulationStopped
+        When the finger cannot bear the highest pressure; what converged is kept in a file of its own, named in the message.
+    """
+    from filelock import FileLock
+
+    path = snapshot_path(folder, finger, fem, observation)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path.with_suffix(".lock"))
+        lock.acquire()
+    except OSError as error:
+        raise LabError(f"{folder} cannot be written ({error.strerror}): free it or set PGDL_LAB_ROOT.") from error
+    with lock:
+        if path.exists():
+            try:
+                return Snapshots.load(path), path, True
+            except DamagedSnapshots as error:
+                aside = path.with_suffix(".damaged")
+                os.replace(path, aside)
+                _log.warning("%s It is set aside as %s, and the simulation is run again.", error, aside.name)
+        try:
+            snapshots = fem.simulate(finger, observation)
+        except SimulationStopped as stop:
+            if not len(stop.snapshots.pressures_kpa):
+                raise
+            partial = path.with_name(f"{path.stem}-stopped.h5")
+            stop.snapshots.save(partial)
+            raise SimulationStopped(f"{stop} What converged is kept in {partial}.", stop.snapshots) from None
+        snapshots.save(path)
+    return snapshots, path, False

@@ -1,0 +1,54 @@
+"""From element matrices to one sparse matrix: the pattern is worked out once, each assembly is one weighted count."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Assembler:
+    """Adds up element vectors, and the upper triangle of symmetric element matrices over the free degrees of freedom.
+
+    Parameters
+    ----------
+    groups
+        For each kind of element its node numbers (E, A).
+    free
+        (N, 3) bool, which displacement components are not held fixed.
+    """
+
+    def __init__(self, groups: Sequence[NDArray[np.int64]], free: NDArray[np.bool_]) -> None:
+        self.size = int(free.sum())
+        number = np.where(free.ravel(), np.cumsum(free) - 1, -1)
+        self._dofs = [(3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1) for nodes in groups]
+        self._free = free
+        self._entries: list[NDArray[np.int64]] = []
+        keys = []
+        for dofs in self._dofs:
+            local = number[dofs]
+            row, column = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+            used = np.flatnonzero((row >= 0) & (column >= row))
+            self._entries.append(used)
+            keys.append(row.ravel()[used].astype(np.int64) * self.size + column.ravel()[used])
+        pattern, self._place = np.unique(np.concatenate(keys), return_inverse=True)
+        self._indptr = np.searchsorted(pattern, np.arange(self.size + 1) * self.size).astype(np.int32)
+        self._indices = (pattern % self.size).astype(np.int32)
+
+    def vector(self, *forces: Array | None) -> Array:
+        """Sum of the element vectors of each group, (E, 3 A) or None each, at all degrees of freedom: (N, 3)."""
+        total = np.zeros(self._free.size)
+        for dofs, values in zip(self._dofs, forces, strict=True):
+            if values is not None:
+                total += np.bincount(dofs.ravel(), values.ravel(), self._free.size)
+        return total.reshape(self._free.shape)
+
+    def upper(self, *matrices: Array) -> sp.csr_matrix:
+        """Upper triangle of the sum of the element matrices of each group, (E, 3 A, 3 A) each, at the free degrees."""
+        values = np.concatenate([m.ravel()[used] for m, used in zip(matrices, self._entries, strict=True)])
+        data = np.bincount(self._place, values, len(self._indices))
+        matrix = sp.csr_matrix((data, self._indices, self._indptr), shape=(self.size, self.size))
+        matrix.has_sorted_indices = True
+        return matrix

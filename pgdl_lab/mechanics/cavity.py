@@ -1,0 +1,106 @@
+"""The volume of the cavities: air at pressure p does the work p dV, so −p V is its potential energy.
+
+Its first derivative is the follower load on the walls, its second the load stiffness, both exact and symmetric, also element by element:
+V = −⅓ ∫ x · (x,₁ × x,₂) dA over the walls with their normal out of the solid. The part of the boundary of V that is no wall (the plane of
+symmetry y = 0, a clamped end x = 0) does not contribute, since its points and their displacements lie in a plane through the origin.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from skfem import CellBasis
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CavityResponse:
+    """The enclosed volume and its derivatives with respect to the displacements of the nodes of each wall facet.
+
+    Attributes
+    ----------
+    volume
+        Enclosed volume [mm³].
+    gradient
+        (W, 3 A) first derivative [mm²].
+    hessian
+        (W, 3 A, 3 A) second derivative [mm]; None if not asked for.
+    """
+
+    volume: float
+    gradient: Array
+    hessian: Array | None
+
+
+class Cavity:
+    """All cavity walls of a mesh: W facets with A nodes each.
+
+    Parameters
+    ----------
+    basis
+        The scikit-fem basis of one displacement component.
+    """
+
+    def __init__(self, basis: "CellBasis") -> None:
+        import skfem
+
+        walls = skfem.FacetBasis(basis.mesh, basis.elem, facets="cavity", intorder=5)
+        value = np.stack([np.broadcast_to(phi.value, walls.dx.shape) for (phi,) in walls.basis], axis=1)  # (W, all, Q)
+        gradient = np.stack([phi.grad for (phi,) in walls.basis], axis=1)  # (3, all, W, Q)
+        normal = np.asarray(walls.normals)
+        least = np.eye(3)[np.abs(normal[:, :, 0]).argmin(axis=0)].T[:, :, None]
+        first = np.cross(normal, least, axis=0)
+        first /= np.linalg.norm(first, axis=0)
+        second = np.cross(normal, first, axis=0)
+
+        # Shape functions of nodes off the facet vanish on it, and so do their tangential derivatives.
+        on_facet = np.abs(value).max(axis=2) > 1e-9
+        kept = np.argsort(~on_facet, axis=1, kind="stable")[:, : on_facet.sum(axis=1).max()]
+
+        def on_walls(field: Array) -> Array:
+            return np.take_along_axis(field, kept[:, :, None], axis=1)
+
+        self._positions = basis.doflocs.T
+        self.nodes = np.take_along_axis(walls.element_dofs.T.astype(np.int64), kept, axis=1)
+        self._value = on_walls(value)
+        self._first = on_walls(np.einsum("jawq,jwq->waq", gradient, first))
+        self._second = on_walls(np.einsum("jawq,jwq->waq", gradient, second))
+        self._weights = -walls.dx / 3
+
+    def response(self, displacement: Array, *, hessian: bool) -> CavityResponse:
+        """Volume and derivatives at `displacement` (N, 3) [mm]."""
+        value, first, second, w = self._value, self._first, self._second, self._weights[:, None, :]
+        nodal = (self._positions + displacement)[self.nodes].transpose(0, 2, 1)
+        x, x1, x2 = nodal @ value, nodal @ first, nodal @ second  # (W, 3, Q)
+        normal = np.cross(x1, x2, axis=1)
+        volume = float((w * x * normal).sum())
+        gradient = (
+            value @ (w * normal).transpose(0, 2, 1)
+            + first @ (w * np.cross(x2, x, axis=1)).transpose(0, 2, 1)
+            + second @ (w * np.cross(x, x1, axis=1)).transpose(0, 2, 1)
+        )
+        facets, nodes = self.nodes.shape
+        if not hessian:
+            return CavityResponse(volume, gradient.reshape(facets, -1), None)
+        # The triple product x · (x1 × x2) is linear in each factor: its Hessian couples components i ≠ j through the third.
+        blocks = np.zeros((facets, nodes, 3, nodes, 3))
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            coupling = (
+                _wedge(value * (w * x2)[:, k, None], first)
+                + _wedge(second * (w * x1)[:, k, None], value)
+                + _wedge(first * (w * x)[:, k, None], second)
+            )
+            blocks[:, :, i, :, j] += coupling
+            blocks[:, :, j, :, i] -= coupling
+        return CavityResponse(volume, gradient.reshape(facets, -1), blocks.reshape(facets, 3 * nodes, 3 * nodes))
+
+
+def _wedge(left: Array, right: Array) -> Array:
+    """Antisymmetric product l_a r_b − l_b r_a, summed over quadrature points: (W, A, A) of two (W, A, Q)."""
+    product = left @ right.transpose(0, 2, 1)
+    return product - product.transpose(0, 2, 1)

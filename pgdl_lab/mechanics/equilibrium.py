@@ -1,0 +1,92 @@
+"""The equilibrium of a finger: inner forces against weight and air pressure."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.mechanics.assembly import Assembler
+from pgdl_lab.mechanics.cavity import Cavity
+from pgdl_lab.mechanics.elements import Discretisation
+from pgdl_lab.mechanics.solid import Solid
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """What acts on the finger: a fraction of its weight [–] and the air pressure [MPa]."""
+
+    weight: float
+    pressure_mpa: float
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Potential energy of a displaced finger and its derivatives.
+
+    Attributes
+    ----------
+    energy
+        Elastic energy less the work of weight and air [N mm].
+    forces
+        (N, 3) gradient: inner less outer nodal forces, at held degrees of freedom the reaction of the support [N].
+    stiffness
+        Upper triangle of the Hessian at the free degrees of freedom [N/mm]; None if not asked for.
+    """
+
+    energy: float
+    forces: Array
+    stiffness: "csr_matrix | None"
+
+
+class Equilibrium:
+    """The potential energy of solid, weight and air, whose stationary points are the equilibria.
+
+    Parameters
+    ----------
+    solid, cavity
+        The body and the walls under pressure.
+    body_force_n_mm3
+        (3,) weight per undeformed volume [N/mm³].
+    free
+        (N, 3) bool, which displacement components are not held fixed.
+    """
+
+    def __init__(self, solid: Solid, cavity: Cavity, body_force_n_mm3: Array, free: NDArray[np.bool_]) -> None:
+        self.solid, self.cavity, self.free = solid, cavity, free
+        self.weight = nodal_volumes(solid.discretisation)[:, None] * body_force_n_mm3
+        self._assembler = Assembler([solid.discretisation.nodes, cavity.nodes], free)
+
+    def balance(self, displacement: Array, load: Load, *, stiffness: bool) -> Balance:
+        """Energy, forces and, if asked for, stiffness at `displacement` (N, 3) [mm] under `load`.
+
+        Raises
+        ------
+        InvertedElement
+            When an element is turned inside out.
+        """
+        inner = self.solid.response(displacement, stiffness=stiffness)
+        air = self.cavity.response(displacement, hessian=stiffness)
+        p = load.pressure_mpa
+        energy = inner.energy - p * air.volume - load.weight * float((self.weight * displacement).sum())
+        forces = self._assembler.vector(inner.forces, -p * air.gradient) - load.weight * self.weight
+        if inner.stiffness is None or air.hessian is None:
+            return Balance(energy, forces, None)
+        return Balance(energy, forces, self._assembler.upper(inner.stiffness, -p * air.hessian))
+
+    def pressure_forces(self, displacement: Array) -> Array:
+        """Nodal forces (N, 3) of the air per unit of pressure [N/MPa] at `displacement` (N, 3) [mm]."""
+        air = self.cavity.response(displacement, hessian=False)
+        return self._assembler.vector(None, air.gradient)
+
+
+def nodal_volumes(mesh: Discretisation) -> Array:
+    """Integral of each shape function over the undeformed body (N,) [mm³]."""
+    value = np.stack([np.broadcast_to(phi.value, mesh.weights.shape) for (phi,) in mesh.basis.basis], axis=1)
+    volumes = np.einsum("eaq,eq->ea", value, mesh.weights)
+    return np.bincount(mesh.nodes.ravel(), volumes.ravel(), len(mesh.positions))

@@ -1,0 +1,194 @@
+"""A finger as a three-dimensional finite-strain solid: from mesh to the history of its equilibria."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.errors import LabError
+from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.cavity import Cavity
+from pgdl_lab.mechanics.elements import ELEMENTS, discretise
+from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
+from pgdl_lab.mechanics.newton import Solution, solve
+from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
+from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.mechanics.vtk import vtk_order
+
+Array = NDArray[np.float64]
+
+FIRST_WEIGHT = 0.05  # of the weight
+FIRST_PRESSURE = 0.04  # of the highest pressure
+
+
+@dataclass
+class LoadLeg:
+    """A leg of the load path: the equilibria as one load rises.
+
+    Attributes
+    ----------
+    load
+        What acts at a value of the parameter.
+    driver
+        Derivative of the outer nodal forces with respect to the parameter (N, 3), at a displacement (N, 3) [mm].
+    unstable
+        Values of the parameter at which the equilibrium found is not a minimum of the energy.
+    """
+
+    equilibrium: Equilibrium
+    solver: SymmetricSolver
+    tolerance_mm: float
+    load: Callable[[float], Load]
+    driver: Callable[[Array], Array]
+    unstable: list[float] = field(default_factory=list)
+
+    def solve(self, start: Array, parameter: float) -> Solution:
+        return solve(self.equilibrium, self.solver, start, self.load(parameter), self.tolerance_mm)
+
+    def slope(self, displacement: Array, parameter: float) -> Array:
+        free = self.equilibrium.free
+        balance = self.equilibrium.balance(displacement, self.load(parameter), stiffness=True)
+        self.solver.factorise(balance.stiffness)
+        if self.solver.negative:
+            self.unstable.append(parameter)
+        slope = np.zeros_like(displacement)
+        slope[free] = self.solver.solve(self.driver(displacement)[free])
+        return slope
+
+
+@dataclass(frozen=True)
+class History:
+    """The equilibria of a finger under its weight and rising pressure.
+
+    Attributes
+    ----------
+    branch
+        The leg of rising pressure, parametrised in kPa.
+    complete
+        Whether it reaches the highest pressure.
+    interpolation_mm
+        Largest estimated error between the equilibria [mm].
+    iterations
+        Newton iterations in all, those for the weight included.
+    unstable_kpa
+        Pressures [kPa] at which the equilibrium is not a minimum of the energy.
+    """
+
+    branch: Branch
+    complete: bool
+    interpolation_mm: float
+    iterations: int
+    unstable_kpa: list[float]
+
+    @property
+    def reached_kpa(self) -> float:
+        """Highest pressure with an equilibrium [kPa]."""
+        return self.branch.parameters[-1]
+
+    def at(self, kpa: float) -> Array:
+        """Displacement (N, 3) [mm] of all nodes at a pressure [kPa]."""
+        return self.branch.at(kpa)
+
+
+class Model:
+    """The half finger, meshed and held at the clamp and in the plane of symmetry.
+
+    Parameters
+    ----------
+    finger
+        What is modelled.
+    edge_mm
+        Longest element edge [mm].
+    element
+        One of `pgdl_lab.mechanics.elements.ELEMENTS`.
+    """
+
+    def __init__(self, finger: Finger, edge_mm: float, element: str) -> None:
+        self.mesh = finger.mesh(edge_mm)
+        self.discretisation = discretise(self.mesh, ELEMENTS[element])
+        basis = self.discretisation.basis
+        free = np.ones(self.discretisation.positions.shape, dtype=bool)
+        free[basis.get_dofs("clamp").all()] = False
+        free[basis.get_dofs("symmetry").all(), 1] = False
+        weight = finger.body_force_n_mm3
+        self.equilibrium = Equilibrium(
+            Solid(self.discretisation, finger.material), Cavity(basis), np.array([weight[0], 0.0, weight[1]]), free
+        )
+        self.solver = symmetric_solver()
+
+    def load(self, max_kpa: float, newton_mm: float, interpolation_mm: float) -> History:
+        """Apply the weight, then the pressure up to `max_kpa` [kPa].
+
+        Parameters
+        ----------
+        newton_mm
+            Tolerance of each equilibrium [mm].
+        interpolation_mm
+            Tolerance between the equilibria [mm].
+
+        Raises
+        ------
+        LabError
+            When the finger does not bear its own weight.
+        """
+        equilibrium = self.equilibrium
+        weigh = LoadLeg(equilibrium, self.solver, newton_mm, lambda w: Load(w, 0.0), lambda _: equilibrium.weight)
+        inflate = LoadLeg(
+            equilibrium,
+            self.solver,
+            newton_mm,
+            lambda kpa: Load(1.0, 1e-3 * kpa),
+            lambda displacement: 1e-3 * equilibrium.pressure_forces(displacement),
+        )
+        with _progress() as show:
+            resting, weighing = np.zeros_like(equilibrium.weight), 0
+            if equilibrium.weight.any():
+                try:
+                    settled = follow(weigh, resting, 1.0, FIRST_WEIGHT, lambda w: show(0.0, f"{w:4.0%} of the weight"))
+                except PathEnded as end:
+                    raise LabError(
+                        f"The finger bears only {end.branch.parameters[-1]:.0%} of its own weight (finger.density_kg_m3, "
+                        "finger.gravity_m_s2): check their units, or refine the mesh (fem.edge_mm)."
+                    ) from None
+                resting, weighing = settled.displacements[-1], settled.iterations
+            complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
+            try:
+                branch = follow(inflate, resting, max_kpa, FIRST_PRESSURE * max_kpa, report)
+            except PathEnded as end:
+                branch, complete = end.branch, False
+            error = refine(inflate, branch, interpolation_mm)
+        self.solver.close()
+        return History(branch, complete, error, weighing + branch.iterations, sorted(inflate.unstable))
+
+    def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
+        """Reaction of the support, and sum of weight and pressure, both (3,) [N] for the half finger; they cancel along x and z."""
+        balance = self.equilibrium.balance(displacement, Load(1.0, 1e-3 * kpa), stiffness=False)
+        outer = self.equilibrium.weight + 1e-3 * kpa * self.equilibrium.pressure_forces(displacement)
+        return (balance.forces * ~self.equilibrium.free).sum(axis=0), outer.sum(axis=0)
+
+    def probe(self, face: Face) -> Callable[[Array], Array]:
+        """Function from a displacement of all nodes (M, 3) to that of the points of `face`: (N, 2), u_x and u_z [mm]."""
+        at = np.vstack([face.points[:, 0], np.full(len(face.points), face.y_mm), face.points[:, 1]])
+        matrix = self.discretisation.basis.probes(at).tocsr()
+        return lambda displacement: matrix @ displacement[:, [0, 2]]
+
+    def cells(self) -> tuple[Array, NDArray[np.int64], str]:
+        """Undeformed nodes (M, 3) [mm], elements (E, A) in the order of VTK and the name of their type."""
+        name, order = vtk_order(self.discretisation.basis.elem)
+        return self.discretisation.positions, self.discretisation.nodes[:, order], name
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[float, str], None]]:
+    """A progress bar; the function it yields takes the fraction done and what to say."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("Simulating"), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("meshed", total=1.0)
+        yield lambda done, text: progress.update(task, completed=done, description=text)

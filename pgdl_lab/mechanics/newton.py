@@ -1,0 +1,88 @@
+"""Newton's method for an equilibrium, with a line search on the potential energy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.mechanics.equilibrium import Balance, Equilibrium, Load
+from pgdl_lab.mechanics.linear import SymmetricSolver
+from pgdl_lab.mechanics.solid import InvertedElement
+
+Array = NDArray[np.float64]
+
+MOST_ITERATIONS = 15
+SMALLEST_STEP = 1e-3
+CLOSE_MM = 1e-2  # corrections below this lie in the basin of quadratic convergence, where energies differ by round-off
+
+
+class NoConvergence(Exception):
+    """Newton's method did not find an equilibrium from where it started."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """An equilibrium: displacement (N, 3) [mm] and the number of iterations it took."""
+
+    displacement: Array
+    iterations: int
+
+
+def solve(
+    equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, tolerance_mm: float
+) -> Solution:
+    """Find the equilibrium under `load`, starting from the displacement `start` (N, 3) [mm].
+
+    Converged when the largest correction is below `tolerance_mm` [mm]; the error left is then of the order of its square. The first
+    step is taken whole: after a large rotation the energy first rises, because the linearised step stretches the body, and the second
+    step takes that back. Every later step must lower the energy (Armijo).
+
+    Raises
+    ------
+    NoConvergence
+        After too many iterations, or when no step lowers the energy.
+    """
+    displacement, free = start, equilibrium.free
+    for iteration in range(1, MOST_ITERATIONS + 1):
+        try:
+            here = equilibrium.balance(displacement, load, stiffness=True)
+        except InvertedElement as error:
+            raise NoConvergence from error
+        solver.factorise(here.stiffness)
+        correction = np.zeros_like(start)
+        correction[free] = -solver.solve(here.forces[free])
+        largest = float(np.abs(correction).max())
+        if not np.isfinite(largest):
+            raise NoConvergence
+        if largest > CLOSE_MM:
+            descent = np.inf if iteration == 1 else float((here.forces * correction)[free].sum())
+            correction *= step_length(equilibrium, displacement, correction, load, here, descent)
+        displacement = displacement + correction
+        if largest < tolerance_mm:
+            return Solution(displacement, iteration)
+    raise NoConvergence
+
+
+def step_length(
+    equilibrium: Equilibrium, displacement: Array, correction: Array, load: Load, here: Balance, descent: float
+) -> float:
+    """Largest of 1, ½, ¼, … that keeps all elements valid and lowers the energy in proportion to `descent` [N mm].
+
+    An infinite `descent` accepts any energy.
+
+    Raises
+    ------
+    NoConvergence
+        When no step down to `SMALLEST_STEP` does.
+    """
+    step = 1.0
+    while step >= SMALLEST_STEP:
+        try:
+            there = equilibrium.balance(displacement + step * correction, load, stiffness=False)
+        except InvertedElement:
+            step /= 2
+            continue
+        if there.energy <= here.energy + 1e-4 * step * descent:
+            return step
+        step /= 2
+    raise NoConvergence

@@ -1,0 +1,138 @@
+"""The load path: a branch of equilibria followed with adaptive steps, and known between them by interpolation of controlled error.
+
+An ODE solver with dense output has the same parts: a predictor of high order, steps sized by its error, and an interpolant that is
+part of the solution. Here the predictor is corrected to the equilibrium by Newton's method, so errors do not add up along the path.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.mechanics.hermite import hermite
+from pgdl_lab.mechanics.newton import NoConvergence, Solution
+
+Array = NDArray[np.float64]
+
+NODES = 4  # equilibria that predictor and interpolant use: polynomials of degree 7
+PREDICTOR_ERROR_MM = 0.3  # what Newton's method mends in some three iterations
+SMALLEST_STEP = 1e-4  # as a fraction of the path
+LARGEST_STEP = 0.16
+GROWTH = 2.0
+
+
+class Leg(Protocol):
+    """One leg of a load path, driven by a parameter: the weight or the pressure."""
+
+    def solve(self, start: Array, parameter: float) -> Solution:
+        """The equilibrium at `parameter`, from the displacement `start` (N, 3) [mm]; raises NoConvergence."""
+
+    def slope(self, displacement: Array, parameter: float) -> Array:
+        """Derivative of the equilibrium with respect to the parameter (N, 3), by the tangent stiffness."""
+
+
+@dataclass
+class Branch:
+    """Equilibria along a leg, in rising order of the parameter.
+
+    Attributes
+    ----------
+    parameters
+        Where equilibria were solved for.
+    displacements, slopes
+        (N, 3) each: the equilibria [mm] and their derivatives [mm per unit of the parameter].
+    iterations
+        Newton iterations spent so far.
+    """
+
+    parameters: list[float] = field(default_factory=list)
+    displacements: list[Array] = field(default_factory=list)
+    slopes: list[Array] = field(default_factory=list)
+    iterations: int = 0
+
+    def add(self, leg: Leg, start: Array, parameter: float) -> None:
+        """Solve for the equilibrium at `parameter` from `start` (N, 3) [mm] and put it in its place."""
+        solution = leg.solve(start, parameter)
+        slope = leg.slope(solution.displacement, parameter)
+        place = int(np.searchsorted(self.parameters, parameter))
+        self.parameters.insert(place, parameter)
+        self.displacements.insert(place, solution.displacement)
+        self.slopes.insert(place, slope)
+        self.iterations += solution.iterations
+
+    def at(self, parameter: float, nodes: int = NODES) -> Array:
+        """Displacement (N, 3) [mm] at `parameter`, by the polynomial through the nearest `nodes` equilibria."""
+        place = int(np.searchsorted(self.parameters, parameter))
+        first = int(np.clip(place - nodes // 2, 0, max(0, len(self.parameters) - nodes)))
+        near = slice(first, first + nodes)
+        return hermite(self.parameters[near], self.displacements[near], self.slopes[near], parameter)
+
+    def doubt(self, parameter: float) -> float:
+        """Estimated interpolation error at `parameter` [mm]: how far one equilibrium fewer would move the result."""
+        return float(np.abs(self.at(parameter) - self.at(parameter, NODES - 1)).max())
+
+
+class PathEnded(Exception):
+    """No equilibrium could be found further on; `branch` holds what was found before."""
+
+    def __init__(self, branch: Branch) -> None:
+        super().__init__(f"no equilibrium beyond {branch.parameters[-1]:g}")
+        self.branch = branch
+
+
+def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Callable[[float], None]) -> Branch:
+    """Follow the equilibria from parameter 0, where `start` (N, 3) [mm] is one, to `stop`.
+
+    Steps shrink where Newton's method fails and grow where the predictor is good. `report` is told each parameter reached.
+
+    Raises
+    ------
+    PathEnded
+        When the step has become too small.
+    """
+    branch, step = Branch(), first_step
+    branch.add(leg, start, 0.0)
+    while branch.parameters[-1] < stop:
+        here = branch.parameters[-1]
+        remaining = stop - here
+        step = min(step, LARGEST_STEP * stop)
+        if step > 0.7 * remaining:  # no tiny last step
+            step = remaining if step >= remaining else remaining / 2
+        target = stop if step == remaining else here + step
+        guess = branch.at(target)
+        try:
+            branch.add(leg, guess, target)
+        except NoConvergence:
+            step /= 4
+            if step < SMALLEST_STEP * stop:
+                raise PathEnded(branch) from None
+            continue
+        error = float(np.abs(branch.displacements[-1] - guess).max())
+        order = 2 * min(NODES, len(branch.parameters) - 1)
+        step *= float(np.clip((PREDICTOR_ERROR_MM / max(error, 1e-12)) ** (1 / order), 0.3, GROWTH))
+        report(target)
+    return branch
+
+
+def refine(leg: Leg, branch: Branch, tolerance_mm: float) -> float:
+    """Add equilibria where the interpolation error may exceed `tolerance_mm` [mm]; return the largest estimate left.
+
+    An equilibrium solved for in the middle of an interval measures the error there; if it is within the tolerance, the interval is left.
+    """
+    worst = 0.0
+    intervals = list(zip(branch.parameters[:-1], branch.parameters[1:], strict=True))
+    while intervals:
+        start, stop = intervals.pop()
+        middle = (start + stop) / 2
+        error = branch.doubt(middle)
+        if error > tolerance_mm:
+            guess = branch.at(middle)
+            branch.add(leg, guess, middle)
+            error = float(np.abs(branch.at(middle) - guess).max())
+            if error > tolerance_mm:
+                intervals += [(start, middle), (middle, stop)]
+                continue
+        worst = max(worst, error)
+    return worst

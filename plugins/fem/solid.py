@@ -1,0 +1,107 @@
+"""Three-dimensional finite-strain solid: the reference that everything else is measured against."""
+
+import logging
+import platform
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pgdl_lab import __version__
+from pgdl_lab.errors import InputError
+from pgdl_lab.fem import Fem, SimulationStopped
+from pgdl_lab.finger import Finger
+from pgdl_lab.registry import describe, register
+from pgdl_lab.snapshots import Body, Observation, Snapshots
+
+if TYPE_CHECKING:
+    from pgdl_lab.mechanics.finite_strain import History, Model
+
+_log = logging.getLogger(__name__)
+
+
+@register("fem", "solid")
+@dataclass(frozen=True)
+class Solid(Fem):
+    """Half of the finger in hexahedra, nearly incompressible, quasi-static: weight first, then follower pressure.
+
+    Attributes
+    ----------
+    edge_mm
+        Longest element edge [mm].
+    element
+        `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or `hex20` (displacement only).
+    newton_mm
+        An equilibrium is found when Newton's correction is below this [mm].
+    interpolation_mm
+        Largest error of snapshots that are interpolated between equilibria [mm].
+    """
+
+    edge_mm: float = 3.0
+    element: str = "hex27_p1"
+    newton_mm: float = 1e-6
+    interpolation_mm: float = 1e-5
+
+    def __post_init__(self) -> None:
+        from pgdl_lab.mechanics.elements import ELEMENTS
+
+        for name in ("edge_mm", "newton_mm", "interpolation_mm"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"fem.{name} is {getattr(self, name)} mm; it must be above 0.")
+        if self.element not in ELEMENTS:
+            raise InputError(f"fem.element is '{self.element}'; choose one of {', '.join(ELEMENTS)}.")
+
+    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        from pgdl_lab.mechanics.finite_strain import Model
+
+        began = time.perf_counter()
+        face = finger.face(observation.points)
+        model = Model(finger, self.edge_mm, self.element)
+        history = model.load(finger.max_kpa, self.newton_mm, self.interpolation_mm)
+        pressures = observation.pressures_kpa(finger.max_kpa)
+        pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
+        probe = model.probe(face)
+        snapshots = Snapshots(
+            points=face.points,
+            triangles=face.triangles,
+            base=face.base,
+            clamp=face.clamp,
+            pressures_kpa=pressures,
+            displacements=np.array([probe(history.at(kpa)) for kpa in pressures]).reshape(-1, len(face.points), 2),
+            body=Body(*model.cells(), np.array(history.branch.parameters), np.array(history.branch.displacements)),
+            provenance=self._provenance(finger, model, history) | {"seconds": time.perf_counter() - began},
+        )
+        if history.unstable_kpa:
+            _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
+        if not history.complete:
+            raise SimulationStopped(
+                f"The finger was in equilibrium up to {history.reached_kpa:.4g} kPa, but not at finger.max_kpa={finger.max_kpa:g}: "
+                f"{len(pressures)} of {observation.snapshots} snapshots converged; lower the pressure, thicken the walls or "
+                "refine the mesh.",
+                snapshots,
+            )
+        return snapshots
+
+    def _provenance(self, finger: Finger, model: "Model", history: "History") -> dict[str, Any]:
+        reaction, outer = model.reaction_and_load_n(history.branch.displacements[-1], history.reached_kpa)
+        return {
+            "finger": describe(finger),
+            "fem": describe(self),
+            "mesh": {
+                "elements": model.mesh.nelements,
+                "nodes": len(model.discretisation.positions),
+                "degrees_of_freedom": int(model.equilibrium.free.sum()),
+            },
+            "equilibria_kpa": history.branch.parameters,
+            "newton_iterations": history.iterations,
+            "interpolation_error_mm": history.interpolation_mm,
+            "unstable_kpa": history.unstable_kpa,
+            "reaction_n": reaction.tolist(),
+            "load_n": outer.tolist(),
+            "linear_solver": model.solver.name,
+            "versions": {"python": platform.python_version()}
+            | {name: version(name) for name in ("numpy", "scipy", "scikit-fem")}
+            | {"pgdl_lab": __version__},
+        }

@@ -1,0 +1,100 @@
+"""The silicone finger with a pneumatic network: chambers in a row on a common channel."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.mechanics.profile import Profile, Region
+from pgdl_lab.registry import register
+
+
+@register("finger", "pneunet")
+@dataclass(frozen=True)
+class Pneunet(ExtrudedFinger):
+    """PneuNets finger after Table I of the paper; what the paper leaves open is marked so.
+
+    Attributes
+    ----------
+    chambers
+        Number of chambers, m (Table I).
+    chamber_length_mm
+        Outer length of a chamber along x, l (Table I; read as the outer length) [mm].
+    wall_mm
+        Thickness of the chamber walls across x and of their roof, t (Table I) [mm].
+    gap_mm
+        Distance between neighbouring chambers, s (Table I) [mm].
+    height_mm
+        Height of the network above the base, from the channel's floor to the roof's outside, h (Table I) [mm].
+    channel_mm
+        Height of the channel that joins the chambers, d (Table I) [mm].
+    base_mm
+        Thickness below the channel (left open by the paper) [mm].
+    bridge_mm
+        Thickness of the solid above the channel, between the chambers, down to which the gaps are cut (left open) [mm].
+    root_mm, tip_mm
+        Solid blocks before the first and after the last chamber (left open) [mm].
+    """
+
+    chambers: int = 10
+    chamber_length_mm: float = 10.5
+    wall_mm: float = 3.0
+    gap_mm: float = 1.0
+    height_mm: float = 14.0
+    channel_mm: float = 2.0
+    base_mm: float = 3.0
+    bridge_mm: float = 3.0
+    root_mm: float = 0.0
+    tip_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.chambers < 1:
+            raise InputError(f"finger.chambers is {self.chambers}; a finger has at least 1.")
+        for name in ("chamber_length_mm", "wall_mm", "gap_mm", "height_mm", "channel_mm", "base_mm", "bridge_mm"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"finger.{name} is {getattr(self, name)} mm; it must be above 0.")
+        for name in ("root_mm", "tip_mm"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise InputError(f"finger.{name} is {getattr(self, name)} mm; it must not be negative.")
+        if 2 * self.wall_mm >= self.chamber_length_mm:
+            raise InputError(
+                f"finger.wall_mm is {self.wall_mm} mm; two walls must be thinner than the chamber "
+                f"({self.chamber_length_mm} mm long), else there is no cavity."
+            )
+        if self.channel_mm + self.bridge_mm + self.wall_mm >= self.height_mm:
+            raise InputError(
+                f"finger.height_mm is {self.height_mm} mm; it must exceed channel, bridge and roof together "
+                f"({self.channel_mm + self.bridge_mm + self.wall_mm} mm), else there is no chamber above the bridge."
+            )
+
+    def profile(self) -> Profile:
+        z = np.cumsum([0.0, self.base_mm, self.channel_mm, self.bridge_mm])
+        roof = self.base_mm + self.height_mm
+        cavity_mm = self.chamber_length_mm - 2 * self.wall_mm
+        gap, solid, cavity = Region.GAP, Region.SOLID, Region.CAVITY
+        #                    base   channel bridge  chamber roof
+        block = [solid, solid, solid, solid, solid]
+        chamber = [solid, cavity, cavity, cavity, solid]
+        inner_wall = [solid, cavity, solid, solid, solid]
+        between = [solid, cavity, solid, gap, gap]
+
+        columns: list[tuple[float, list[Region]]] = [(self.root_mm, block)] if self.root_mm else []
+        for number in range(self.chambers):
+            first, last = number == 0, number == self.chambers - 1
+            columns += [
+                (self.wall_mm, block if first else inner_wall),
+                (cavity_mm, chamber),
+                (self.wall_mm, block if last else inner_wall),
+            ]
+            if not last:
+                columns.append((self.gap_mm, between))
+        if self.tip_mm:
+            columns.append((self.tip_mm, block))
+        lengths, regions = zip(*columns, strict=True)
+        return Profile(
+            x=np.cumsum([0.0, *lengths]),
+            z=np.array([*z, roof - self.wall_mm, roof]),
+            regions=np.array(regions, dtype=np.int8),
+        )
