@@ -1,6 +1,5 @@
 """An experiment: everything that one run is made of, built from its configuration."""
 
-import os
 from dataclasses import FrozenInstanceError, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem
+from pgdl_lab.files import replacing
 from pgdl_lab.finger import Finger
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.loss import Loss
@@ -57,7 +57,9 @@ class Experiment:
             raise InputError(f"A field was added that does not exist ({error}): leave out the '+'.") from error
         for name, settings in SETTINGS.items():
             if not isinstance(parts[name], settings):
-                raise InputError(f"{name}={parts[name]} names no field: set {name}.{fields(settings)[0].name} or another.")
+                raise InputError(
+                    f"{name}={parts[name]} names no field: set {name}.{fields(settings)[0].name} or another."
+                )
         return cls(**{field.name: parts[field.name] for field in fields(cls)})
 
 
@@ -76,9 +78,8 @@ def save(config: DictConfig, path: Path) -> None:
             plain[kind] = {key: _named(config[kind], key, fields) for key, fields in plain[kind].items()}
         else:
             plain[kind] = _named(config, kind, plain[kind])
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    OmegaConf.save(OmegaConf.create(plain), temporary)
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        OmegaConf.save(OmegaConf.create(plain), temporary)
 
 
 def _named(parent: DictConfig, key: str, fields: dict[str, Any]) -> dict[str, Any]:

@@ -45,7 +45,6 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
     InputError
         If there is no such kind, or another class has that name.
     """
-
     known = _plugins[closest(kind, KINDS, "plugin kind")]
 
     def decorate(cls: Plugin) -> Plugin:

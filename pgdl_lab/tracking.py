@@ -17,6 +17,7 @@ from omegaconf import OmegaConf
 
 from pgdl_lab import paths
 from pgdl_lab.errors import LabError
+from pgdl_lab.files import replacing
 from pgdl_lab.registry import KINDS
 from pgdl_lab.snapshots import Snapshots
 
@@ -181,9 +182,8 @@ def _new_run(client: MlflowClient, experiment_id: str, folder: Path, tags: Mappi
     name = str(folder.relative_to(paths.RUNS)) if folder.is_relative_to(paths.RUNS) else folder.name
     run = client.create_run(experiment_id, run_name=name, tags=resolve_tags({**tags, "folder": str(folder)}))
     run_id: str = run.info.run_id
-    temporary = folder / f".{RUN_ID}"
-    temporary.write_text(run_id, encoding="utf-8")
-    os.replace(temporary, folder / RUN_ID)
+    with replacing(folder / RUN_ID) as temporary:
+        temporary.write_text(run_id, encoding="utf-8")
     return run_id
 
 
