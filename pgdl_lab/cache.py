@@ -20,8 +20,8 @@ _log = logging.getLogger(__name__)
 def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observation) -> Path:
     """Where the snapshots of this simulation lie in `folder`, computed or not.
 
-    The name holds a hash of the configuration and of the code that turns it into numbers, so that neither a changed field nor an edited
-    plugin meets old results.
+    The name holds a hash of the configuration and of the code that turns it into numbers, so that neither a changed
+    field nor an edited plugin meets old results.
     """
     folders = [Path(entry) for entry in mechanics.__path__]
     code = sorted(path for entry in folders for path in entry.glob("*.py"))
@@ -53,7 +53,8 @@ def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -
     LabError
         When `folder` cannot be written.
     SimulationStopped
-        When the finger cannot bear the highest pressure; what converged is kept in a file of its own, named in the message.
+        When the finger cannot bear the highest pressure; what converged is kept in a file of its own, named in the
+        message.
     """
     from filelock import FileLock
 

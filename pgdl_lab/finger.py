@@ -43,7 +43,9 @@ class Finger(ABC):
         if not 0 <= self.density_kg_m3 < np.inf:
             raise InputError(f"finger.density_kg_m3 is {self.density_kg_m3} kg/m³; it must not be negative.")
         if len(self.gravity_m_s2) != 2 or not np.isfinite(self.gravity_m_s2).all():
-            raise InputError(f"finger.gravity_m_s2 is {self.gravity_m_s2}; give its x and z components in m/s², e.g. [0,-9.81].")
+            raise InputError(
+                f"finger.gravity_m_s2 is {self.gravity_m_s2}; give its x and z components in m/s², e.g. [0,-9.81]."
+            )
 
     @property
     def body_force_n_mm3(self) -> NDArray[np.float64]:

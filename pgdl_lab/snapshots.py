@@ -91,7 +91,8 @@ class Snapshots:
     body
         The whole body at the equilibria that were solved for; None where the model has no body.
     provenance
-        Finger, mesh, material, solver, versions: everything needed to say where the numbers come from (JSON types only).
+        Finger, mesh, material, solver, versions: everything needed to say where the numbers come from (JSON types
+        only).
     """
 
     points: NDArray[np.float64]

@@ -1,1 +1,1 @@
-"""What finite-element models share: bodies, materials, elements, solvers and the load path. Units: mm, N, MPa, s, tonne."""
+"""What finite-element models share: materials, elements, solvers, the load path. Units: mm, N, MPa, s, tonne."""

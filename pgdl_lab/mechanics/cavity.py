@@ -1,8 +1,9 @@
 """The volume of the cavities: air at pressure p does the work p dV, so −p V is its potential energy.
 
-Its first derivative is the follower load on the walls, its second the load stiffness, both exact and symmetric, also element by element:
-V = −⅓ ∫ x · (x,₁ × x,₂) dA over the walls with their normal out of the solid. The part of the boundary of V that is no wall (the plane of
-symmetry y = 0, a clamped end x = 0) does not contribute, since its points and their displacements lie in a plane through the origin.
+Its first derivative is the follower load on the walls, its second the load stiffness, both exact and symmetric, also
+element by element: V = −⅓ ∫ x · (x,₁ × x,₂) dA over the walls with their normal out of the solid. The part of the
+boundary of V that is no wall (the plane of symmetry y = 0, a clamped end x = 0) does not contribute, since its points
+and their displacements lie in a plane through the origin.
 """
 
 from dataclasses import dataclass
@@ -86,7 +87,8 @@ class Cavity:
         facets, nodes = self.nodes.shape
         if not hessian:
             return CavityResponse(volume, gradient.reshape(facets, -1), None)
-        # The triple product x · (x1 × x2) is linear in each factor: its Hessian couples components i ≠ j through the third.
+        # The triple product x · (x1 × x2) is linear in each factor: its Hessian couples components i ≠ j through the
+        # third.
         blocks = np.zeros((facets, nodes, 3, nodes, 3))
         for k in range(3):
             i, j = (k + 1) % 3, (k + 2) % 3

@@ -22,8 +22,8 @@ class ElementKind:
     quadrature_order
         Polynomial order that the Gauss rule integrates exactly: 3 gives 2×2×2 points, 5 gives 3×3×3.
     pressure_modes
-        Size of the discontinuous pressure space of each element: 1 is constant, 4 is linear (1, x, y, z); None takes the
-        pressure at each quadrature point from the local dilatation, as a plain displacement element does.
+        Size of the discontinuous pressure space of each element: 1 is constant, 4 is linear (1, x, y, z); None takes
+        the pressure at each quadrature point from the local dilatation, as a plain displacement element does.
     """
 
     shape: str
@@ -84,9 +84,7 @@ def discretise(mesh: "MeshHex", kind: ElementKind) -> Discretisation:
     )
 
 
-def pressure_modes(
-    points: NDArray[np.float64], weights: NDArray[np.float64], count: int | None
-) -> NDArray[np.float64]:
+def pressure_modes(points: NDArray[np.float64], weights: NDArray[np.float64], count: int | None) -> NDArray[np.float64]:
     """Orthonormal pressure modes (E, M, Q) on quadrature `points` (3, E, Q) [mm] with `weights` (E, Q) [mm³].
 
     The modes span 1, x, y, z in physical coordinates: mapped coordinates would lose an order on distorted elements

@@ -43,8 +43,8 @@ def nodes(profile: Profile) -> NDArray[np.bool_]:
 def observe(profile: Profile, count: int, y_mm: float) -> Face:
     """Spread exactly `count` points evenly over the face of `profile`, its outline included.
 
-    The points are the nodes of the coarsest conforming grid that has enough of them; the surplus is taken from the inside,
-    evenly, so that the outline stays sharp.
+    The points are the nodes of the coarsest conforming grid that has enough of them; the surplus is taken from the
+    inside, evenly, so that the outline stays sharp.
 
     Raises
     ------
@@ -54,7 +54,8 @@ def observe(profile: Profile, count: int, y_mm: float) -> Face:
     fewest = int(nodes(profile).sum())
     if count < fewest:
         raise InputError(
-            f"observation.points is {count}, but the outline of this finger alone needs {fewest} points; ask for at least that many."
+            f"observation.points is {count}, but the outline of this finger alone needs {fewest}; "
+            "ask for at least that many."
         )
     lower = upper = float(profile.x[-1] - profile.x[0])
     while nodes(profile.refined(lower)).sum() < count:

@@ -151,8 +151,8 @@ class Model:
                     settled = follow(weigh, resting, 1.0, FIRST_WEIGHT, lambda w: show(0.0, f"{w:4.0%} of the weight"))
                 except PathEnded as end:
                     raise LabError(
-                        f"The finger bears only {end.branch.parameters[-1]:.0%} of its own weight (finger.density_kg_m3, "
-                        "finger.gravity_m_s2): check their units, or refine the mesh (fem.edge_mm)."
+                        f"The finger bears only {end.branch.parameters[-1]:.0%} of its own weight "
+                        "(finger.density_kg_m3, finger.gravity_m_s2): check their units, or refine the mesh (fem.edge_mm)."
                     ) from None
                 resting, weighing = settled.displacements[-1], settled.iterations
             complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
@@ -165,13 +165,16 @@ class Model:
         return History(branch, complete, error, weighing + branch.iterations, sorted(inflate.unstable))
 
     def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
-        """Reaction of the support, and sum of weight and pressure, both (3,) [N] for the half finger; they cancel along x and z."""
+        """Reaction of the support, and sum of weight and pressure: (3,) each [N], for the half finger.
+
+        Along x and z they cancel; along y the other half holds against the pressure.
+        """
         balance = self.equilibrium.balance(displacement, Load(1.0, 1e-3 * kpa), stiffness=False)
         outer = self.equilibrium.weight + 1e-3 * kpa * self.equilibrium.pressure_forces(displacement)
         return (balance.forces * ~self.equilibrium.free).sum(axis=0), outer.sum(axis=0)
 
     def probe(self, face: Face) -> Callable[[Array], Array]:
-        """Function from a displacement of all nodes (M, 3) to that of the points of `face`: (N, 2), u_x and u_z [mm]."""
+        """Function from a displacement of all nodes (M, 3) to u_x and u_z at the points of `face` (N, 2) [mm]."""
         at = np.vstack([face.points[:, 0], np.full(len(face.points), face.y_mm), face.points[:, 1]])
         matrix = self.discretisation.basis.probes(at).tocsr()
         return lambda displacement: matrix @ displacement[:, [0, 2]]

@@ -79,9 +79,7 @@ class SuperLU:
         from scipy.sparse.linalg import splu
 
         full = (upper + sp.triu(upper, 1).T).tocsc()
-        self._factors = splu(
-            full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        self._factors = splu(full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         self.negative = int((self._factors.U.diagonal() < 0).sum())
 
     def solve(self, right_hand_side: Array) -> Array:

@@ -29,7 +29,9 @@ class Yeoh:
 
     def __post_init__(self) -> None:
         if self.c1_mpa <= 0:
-            raise InputError(f"material.c1_mpa is {self.c1_mpa} MPa; it must be above 0, else the solid has no stiffness.")
+            raise InputError(
+                f"material.c1_mpa is {self.c1_mpa} MPa; it must be above 0, else the solid has no stiffness."
+            )
         if self.c2_mpa < 0:
             raise InputError(f"material.c2_mpa is {self.c2_mpa} MPa; it must not be negative, else the solid softens.")
         if not 0 <= self.poisson < 0.5:

@@ -28,14 +28,12 @@ class Solution:
     iterations: int
 
 
-def solve(
-    equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, tolerance_mm: float
-) -> Solution:
+def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, tolerance_mm: float) -> Solution:
     """Find the equilibrium under `load`, starting from the displacement `start` (N, 3) [mm].
 
-    Converged when the largest correction is below `tolerance_mm` [mm]; the error left is then of the order of its square. The first
-    step is taken whole: after a large rotation the energy first rises, because the linearised step stretches the body, and the second
-    step takes that back. Every later step must lower the energy (Armijo).
+    Converged when the largest correction is below `tolerance_mm` [mm]; the error left is then of the order of its
+    square. The first step is taken whole: after a large rotation the energy first rises, because the linearised step
+    stretches the body, and the second step takes that back. Every later step must lower the energy (Armijo).
 
     Raises
     ------

@@ -1,7 +1,8 @@
-"""The load path: a branch of equilibria followed with adaptive steps, and known between them by interpolation of controlled error.
+"""The load path: equilibria followed with adaptive steps, and known between them by controlled interpolation.
 
-An ODE solver with dense output has the same parts: a predictor of high order, steps sized by its error, and an interpolant that is
-part of the solution. Here the predictor is corrected to the equilibrium by Newton's method, so errors do not add up along the path.
+An ODE solver with dense output has the same parts: a predictor of high order, steps sized by its error, and an
+interpolant that is part of the solution. Here the predictor is corrected to the equilibrium by Newton's method, so
+errors do not add up along the path.
 """
 
 from collections.abc import Callable
@@ -85,7 +86,8 @@ class PathEnded(Exception):
 def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Callable[[float], None]) -> Branch:
     """Follow the equilibria from parameter 0, where `start` (N, 3) [mm] is one, to `stop`.
 
-    Steps shrink where Newton's method fails and grow where the predictor is good. `report` is told each parameter reached.
+    Steps shrink where Newton's method fails and grow where the predictor is good. `report` is told each parameter
+    reached.
 
     Raises
     ------
@@ -119,7 +121,8 @@ def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Calla
 def refine(leg: Leg, branch: Branch, tolerance_mm: float) -> float:
     """Add equilibria where the interpolation error may exceed `tolerance_mm` [mm]; return the largest estimate left.
 
-    An equilibrium solved for in the middle of an interval measures the error there; if it is within the tolerance, the interval is left.
+    An equilibrium solved for in the middle of an interval measures the error there; if it is within the tolerance, the
+    interval is left.
     """
     worst = 0.0
     intervals = list(zip(branch.parameters[:-1], branch.parameters[1:], strict=True))

@@ -1,10 +1,11 @@
 """Internal forces of a nearly incompressible hyperelastic solid and their exact tangent.
 
-Two-field form: W = W_iso(Ī₁) + p (J − 1) − p²/(2 K), with the pressure p discontinuous between elements, so that it condenses out
-of each element and the stiffness stays symmetric (T. Sussman, K.-J. Bathe, Computers & Structures 26, 1987).
+Two-field form: W = W_iso(Ī₁) + p (J − 1) − p²/(2 K), with the pressure p discontinuous between elements, so that it
+condenses out of each element and the stiffness stays symmetric (T. Sussman, K.-J. Bathe, Computers & Structures 26,
+1987).
 
-With f = F ∇N and h = F⁻ᵀ ∇N for each shape function N, every term of the tangent but two is a product of f and h. The stiffness of an
-element is then one matrix product over its quadrature points, and no fourth-order tensor is formed.
+With f = F ∇N and h = F⁻ᵀ ∇N for each shape function N, every term of the tangent but two is a product of f and h. The
+stiffness of an element is then one matrix product over its quadrature points, and no fourth-order tensor is formed.
 """
 
 from collections.abc import Iterator

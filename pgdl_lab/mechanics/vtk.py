@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from skfem import Element
 
-# Node positions of the triquadratic hexahedron in units of half an edge (VTK file formats, cell type 29); the first 20 are those of
-# the serendipity hexahedron (cell type 25).
+# Node positions of the triquadratic hexahedron in units of half an edge (VTK file formats, cell type 29); the first 20
+# are those of the serendipity hexahedron (cell type 25).
 NODES = np.array(
     [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 2], [2, 0, 2], [2, 2, 2], [0, 2, 2]]
     + [[1, 0, 0], [2, 1, 0], [1, 2, 0], [0, 1, 0], [1, 0, 2], [2, 1, 2], [1, 2, 2], [0, 1, 2]]

@@ -32,7 +32,8 @@ class Solid(Fem):
     edge_mm
         Longest element edge [mm].
     element
-        `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or `hex20` (displacement only).
+        `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or `hex20`
+        (displacement only).
     newton_mm
         An equilibrium is found when Newton's correction is below this [mm].
     interpolation_mm
@@ -77,9 +78,9 @@ class Solid(Fem):
             _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
         if not history.complete:
             raise SimulationStopped(
-                f"The finger was in equilibrium up to {history.reached_kpa:.4g} kPa, but not at finger.max_kpa={finger.max_kpa:g}: "
-                f"{len(pressures)} of {observation.snapshots} snapshots converged; lower the pressure, thicken the walls or "
-                "refine the mesh.",
+                f"The finger was in equilibrium up to {history.reached_kpa:.4g} kPa, but not at "
+                f"finger.max_kpa={finger.max_kpa:g}: {len(pressures)} of {observation.snapshots} snapshots converged; "
+                "lower the pressure, thicken the walls or refine the mesh.",
                 snapshots,
             )
         return snapshots
