@@ -53,7 +53,8 @@ def bend(points: NDArray[np.float64], kpa: float) -> NDArray[np.float64]:
     chamber = np.minimum(points[:, 0] // PITCH_MM, CHAMBERS - 1)
     rise = np.clip((points[:, 1] - FOOT_MM) / 4, 0, 1)[:, None]
     rigid = rise**2 * (3 - 2 * rise) * (points[:, 0] % PITCH_MM <= CHAMBER_MM + 1e-9)[:, None]
-    centre = chamber * PITCH_MM + CHAMBER_MM / 2
+    # the first chamber turns about the root, where the angle is zero: that holds the clamp still
+    centre = np.where(chamber > 0, chamber * PITCH_MM + CHAMBER_MM / 2, 0)
     displaced = (1 - rigid) * carried(points[:, 0]) + rigid * carried(centre)
     return displaced - points
 

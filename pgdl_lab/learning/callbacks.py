@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import lightning.pytorch as pl
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from pgdl_lab.files import replacing
 from pgdl_lab.learning.module import TrainingModule
 
 
@@ -37,12 +37,8 @@ class Checkpoint(pl.Callback):
     def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         last = trainer.should_stop or trainer.current_epoch + 1 >= (trainer.max_epochs or 0)
         if last or time.monotonic() - self._written_s >= self.every_s:
-            temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
-            try:
+            with replacing(self.path) as temporary:
                 trainer.save_checkpoint(temporary)
-                os.replace(temporary, self.path)
-            finally:
-                temporary.unlink(missing_ok=True)
             self._written_s = time.monotonic()
 
     def on_save_checkpoint(
