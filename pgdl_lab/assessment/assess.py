@@ -1,0 +1,115 @@
+"""One assessment for every surrogate: metrics.json and figures."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.assessment.figures import draw
+from pgdl_lab.assessment.latency import latency_ms
+from pgdl_lab.files import replacing
+from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.split import Split
+from pgdl_lab.surrogate import Surrogate
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Names of what was run.
+
+    Attributes
+    ----------
+    finger, fem, split, model
+        Plugin names.
+    losses
+        Names of the loss terms.
+    seed
+        The seed.
+    """
+
+    finger: str
+    fem: str
+    split: str
+    model: str
+    losses: list[str]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What an assessment found.
+
+    Attributes
+    ----------
+    metrics
+        The content of metrics.json, numbers unrounded.
+    figures
+        The PNG files.
+    highlights
+        Indices of the snapshots that tables show.
+    """
+
+    metrics: dict[str, Any]
+    figures: list[Path]
+    highlights: NDArray[np.int64]
+
+
+def assess(
+    surrogate: Surrogate,
+    snapshots: Snapshots,
+    train: NDArray[np.int64],
+    split: Split,
+    labels: Labels,
+    seconds: Mapping[str, float],
+    folder: Path,
+) -> Assessment:
+    """Judge `surrogate` on all of `snapshots` and write `<folder>/metrics.json` and `<folder>/figures/*.png`.
+
+    Parameters
+    ----------
+    surrogate
+        A trained model.
+    snapshots
+        The simulation.
+    train
+        (n,), indices of the training points.
+    split
+        Tells which snapshots tables and base-line figures show.
+    labels
+        Names of what was run.
+    seconds
+        Times so far: "simulate", "simulate_cached", "train" [s]; "assess" is added.
+    folder
+        Run folder.
+    """
+    start = time.perf_counter()
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
+    comparison = Comparison(snapshots, predicted, train)
+    highlights = split.highlights(snapshots.pressures_kpa)
+    figures = draw(comparison, highlights, surrogate.record.history, folder / "figures")
+    metrics = {
+        **asdict(labels),
+        "points": predicted.shape[0] * predicted.shape[1],
+        "train_points": len(train),
+        "test_points": int(comparison.unseen.sum()),
+        "seconds": {},
+        "mse_mm2": comparison.mse_mm2(),
+        "by_pressure": comparison.by_pressure(),
+        "extremes_mm": comparison.extremes_mm(),
+        "curvature": comparison.curvature(),
+        "latency_ms": latency_ms(
+            surrogate, snapshots.points, int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
+        ),
+    }
+    metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}
+    with replacing(folder / "metrics.json") as temporary:
+        temporary.write_text(json.dumps(metrics, indent=1))
+    return Assessment(metrics, figures, highlights)

@@ -1,0 +1,97 @@
+"""Simulated and predicted displacements of all snapshots, side by side."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.assessment.curvature import mean_curvature_per_m, rms_distance_mm
+from pgdl_lab.snapshots import Snapshots
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A surrogate's predictions beside the snapshots they should match.
+
+    Attributes
+    ----------
+    snapshots
+        The simulation, P pressures and N points.
+    predicted_mm
+        (P, N, 2), displacements by the surrogate [mm].
+    train
+        (n,), indices of the training points.
+    """
+
+    snapshots: Snapshots
+    predicted_mm: Floats
+    train: NDArray[np.int64]
+
+    @cached_property
+    def unseen(self) -> NDArray[np.bool_]:
+        """(P, N), the points that were not trained on."""
+        mask = np.ones(self.predicted_mm.shape[:2], dtype=bool)
+        mask.flat[self.train] = False
+        return mask
+
+    @cached_property
+    def error_mm(self) -> Floats:
+        """(P, N, 2), predicted minus simulated displacement [mm]."""
+        return self.predicted_mm - self.snapshots.displacements
+
+    def seen_snapshots(self) -> NDArray[np.bool_]:
+        """(P,), the snapshots that gave training points."""
+        return ~self.unseen.all(axis=1)
+
+    def mse_mm2(self) -> dict[str, float]:
+        """Mean squared error of each component over all unseen points [mm²]."""
+        x, z = (self.error_mm[self.unseen] ** 2).mean(axis=0)
+        return {"x": float(x), "z": float(z)}
+
+    def by_pressure(self) -> list[dict[str, Any]]:
+        """Errors of each snapshot over its unseen points; "seen" tells whether it gave training points."""
+        rows = []
+        for kpa, seen, unseen, error in zip(
+            self.snapshots.pressures_kpa, self.seen_snapshots(), self.unseen, self.error_mm, strict=True
+        ):
+            # a snapshot that was trained on as a whole has no unseen points: its training errors stand in
+            judged = error[unseen] if unseen.any() else error
+            x, z = (judged**2).mean(axis=0)
+            rows.append({
+                "kpa": float(kpa),
+                "seen": bool(seen),
+                "mse_x_mm2": float(x),
+                "mse_z_mm2": float(z),
+                "max_abs_mm": float(np.abs(judged).max()),
+            })  # fmt: skip
+        return rows
+
+    def extremes_mm(self) -> dict[str, dict[str, list[float]]]:
+        """Least and greatest displacement at the highest pressure, simulated and predicted [mm]."""
+        return {
+            who: {axis: [float(u[:, i].min()), float(u[:, i].max())] for i, axis in enumerate("xz")}
+            for who, u in (("fem", self.snapshots.displacements[-1]), ("surrogate", self.predicted_mm[-1]))
+        }
+
+    def base_lines_mm(self, snapshot: int) -> tuple[Floats, Floats]:
+        """Deformed base lines (B, 2) of simulation and surrogate [mm]."""
+        base = self.snapshots.base
+        line = self.snapshots.points[base]
+        return line + self.snapshots.displacements[snapshot, base], line + self.predicted_mm[snapshot, base]
+
+    def curvature(self) -> list[dict[str, float]]:
+        """Mean curvature of the base line by pressure and the distance between the two base lines."""
+        rows = []
+        for i, kpa in enumerate(self.snapshots.pressures_kpa):
+            fem, surrogate = self.base_lines_mm(i)
+            rows.append({
+                "kpa": float(kpa),
+                "fem_per_m": mean_curvature_per_m(fem),
+                "surrogate_per_m": mean_curvature_per_m(surrogate),
+                "rms_distance_mm": rms_distance_mm(fem, surrogate),
+            })  # fmt: skip
+        return rows

@@ -1,0 +1,177 @@
+"""Figures of an assessment, as PNG files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+STYLE: dict[str, Any] = {
+    "font.size": 11,
+    "axes.titlesize": 11,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "savefig.dpi": 200,
+}
+COMPONENTS = (("x", "$u_x$"), ("z", "$u_z$"))
+TRAINED = "0.9"  # grey of the training range
+
+
+def draw(
+    comparison: Comparison, highlights: NDArray[np.int64], history: list[dict[str, float]], folder: Path
+) -> list[Path]:
+    """Write all figures to `folder`.
+
+    Parameters
+    ----------
+    comparison
+        Simulated and predicted displacements.
+    highlights
+        Indices of the snapshots whose base lines are shown.
+    history
+        Entries of the loss history, see `Record`; an empty one gives no such figure.
+    folder
+        Where the PNG files go.
+    """
+    import matplotlib
+
+    figures = {
+        **{f"field_{axis}": _field_figure(comparison, i) for i, (axis, _) in enumerate(COMPONENTS)},
+        "base_lines": _base_lines(comparison, highlights),
+        "mse_over_pressure": _mse_over_pressure(comparison),
+        **({"loss_history": _loss_history(history)} if history else {}),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, build in figures.items():
+        path = folder / f"{name}.png"
+        with matplotlib.rc_context(STYLE), replacing(path) as temporary:
+            build().savefig(temporary, format="png")
+        paths.append(path)
+    return paths
+
+
+def _new(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
+    """A figure outside pyplot, which would keep it open and may want a screen."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def _field_figure(comparison: Comparison, component: int) -> Callable[[], Figure]:
+    """One component at the highest pressure: simulation, surrogate and difference (the paper's Figs. 4, 5, 9)."""
+
+    def build() -> Figure:
+        snapshots, symbol = comparison.snapshots, COMPONENTS[component][1]
+        fem, predicted = snapshots.displacements[-1], comparison.predicted_mm[-1]
+        error = comparison.error_mm[-1, :, component]
+        both = fem[:, component], predicted[:, component]
+        low, high = min(u.min() for u in both), max(u.max() for u in both)
+        bound = float(np.abs(error).max())
+        panels = (
+            ("FEM", fem, both[0], symbol, "viridis", (low, high)),
+            ("surrogate", predicted, both[1], symbol, "viridis", (low, high)),
+            ("surrogate − FEM", fem, error, f"Δ{symbol}", "RdBu_r", (-bound, bound)),
+        )
+        figure, axes = _new(1, 3, 13, 5, sharex=True, sharey=True)
+        for axis, (title, shift, values, label, colours, (least, most)) in zip(axes, panels, strict=True):
+            x, z = (snapshots.points + shift).T
+            shown = axis.tripcolor(
+                x, z, snapshots.triangles, values, shading="gouraud", cmap=colours, vmin=least, vmax=most, rasterized=True
+            )
+            figure.colorbar(shown, ax=axis, label=f"{label} [mm]", location="bottom", shrink=0.9)
+            axis.set(title=f"{title}\nmin {values.min():.4g}, max {values.max():.4g} mm", xlabel="x [mm]", aspect="equal")
+        axes[0].set_ylabel("z [mm]")
+        figure.suptitle(f"{symbol} at {snapshots.pressures_kpa[-1]:g} kPa on the deformed shape")
+        return figure
+
+    return build
+
+
+def _base_lines(comparison: Comparison, highlights: NDArray[np.int64]) -> Callable[[], Figure]:
+    """Deformed base lines at several pressures (the paper's Figs. 6 and 8)."""
+
+    def build() -> Figure:
+        from matplotlib import colormaps
+
+        figure, axis = _new(1, 1, 6.5, 5.5)
+        colours = colormaps["viridis"](np.linspace(0, 0.85, len(highlights)))
+        for snapshot, colour in zip(highlights, colours, strict=True):
+            fem, surrogate = comparison.base_lines_mm(int(snapshot))
+            axis.plot(*fem.T, color=colour, linewidth=3, alpha=0.45)
+            axis.plot(
+                *surrogate.T, color=colour, linestyle="--", label=f"{comparison.snapshots.pressures_kpa[snapshot]:g} kPa"
+            )
+        axis.plot([], [], color="0.3", linewidth=3, alpha=0.45, label="FEM")
+        axis.plot([], [], color="0.3", linestyle="--", label="surrogate")
+        axis.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal", title="Deformed base line")
+        axis.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+        return figure
+
+    return build
+
+
+def _mse_over_pressure(comparison: Comparison) -> Callable[[], Figure]:
+    """Mean squared error of each snapshot, training range shaded (the paper's Fig. 7)."""
+
+    def build() -> Figure:
+        rows = comparison.by_pressure()
+        kpa = np.array([row["kpa"] for row in rows])
+        figure, axis = _new(1, 1, 6.5, 4)
+        for (component, symbol), line in zip(COMPONENTS, ("-", "--"), strict=True):
+            axis.semilogy(kpa, [row[f"mse_{component}_mm2"] for row in rows], line, label=symbol)
+        _shade_training(axis, kpa, comparison.seen_snapshots())
+        axis.set(
+            xlabel="pressure [kPa]", ylabel="MSE over unseen points [mm²]", title="Error over pressure", xlim=(0, kpa[-1])
+        )
+        axis.grid(alpha=0.3)
+        axis.legend()
+        return figure
+
+    return build
+
+
+def _shade_training(axis: Axes, kpa: NDArray[np.float64], seen: NDArray[np.bool_]) -> None:
+    """Shade each run of snapshots that gave training points, half a step beyond its ends."""
+    half = np.diff(kpa).min() / 2 if len(kpa) > 1 else 1.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(int)))
+    for number, (start, stop) in enumerate(edges.reshape(-1, 2)):
+        label = "trained on" if number == 0 else None
+        axis.axvspan(kpa[start] - half, kpa[stop - 1] + half, color=TRAINED, zorder=0, label=label)
+
+
+def _loss_history(history: list[dict[str, float]]) -> Callable[[], Figure]:
+    """Raw and weighted terms of the loss and their shares of the gradient."""
+
+    def build() -> Figure:
+        names = [key.removeprefix("raw/") for key in history[-1] if key.startswith("raw/")]
+        seconds = [entry["seconds"] for entry in history]
+        figure, axes = _new(1, 3, 13, 4, sharex=True)
+        panels = (("raw", "value of the term"), ("weighted", "weight × value"), ("share", "share of the gradient norm"))
+        for axis, (key, label) in zip(axes, panels, strict=True):
+            for name in names:
+                axis.plot(seconds, [entry[f"{key}/{name}"] for entry in history], label=name)
+            axis.set(xlabel="training time [s]", ylabel=label)
+            axis.grid(alpha=0.3)
+            if key == "share":
+                axis.set_ylim(0, 1)
+            elif any(entry[f"{key}/{name}"] > 0 for entry in history for name in names):
+                axis.set_yscale("log")
+        axes[0].legend()
+        units = "data and boundary in mm², residuals in (N/mm³)²"
+        figure.suptitle(f"Loss history ({units})")
+        return figure
+
+    return build
