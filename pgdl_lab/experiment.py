@@ -72,7 +72,7 @@ def store_schema() -> None:
 def save(config: DictConfig, path: Path) -> None:
     """Write the resolved configuration with the names of its plugins, so that `restore` can build it again."""
     plain: Any = OmegaConf.to_container(config, resolve=True)
-    del plain["resume"]
+    plain.pop("resume", None)  # how the run was called, not what it is
     for kind in KINDS:
         if kind == "loss":
             plain[kind] = {key: _named(config[kind], key, fields) for key, fields in plain[kind].items()}

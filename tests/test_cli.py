@@ -1,0 +1,187 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import Lab
+
+PLUGIN = '''
+from dataclasses import dataclass
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.fem import Fem
+from pgdl_lab.registry import register
+
+@register("fem", "quick")
+@dataclass(frozen=True)
+class Quick(Fem):
+    """A model that fails as it is told.
+
+    Attributes
+    ----------
+    failure
+        "lab", "bug" or "interrupt".
+    """
+    failure: str = "lab"
+
+    def __post_init__(self):
+        if self.failure == "input":
+            raise InputError("fem.failure is 'input'; it must be lab or bug.")
+
+    def simulate(self, finger, observation):
+        raise {"lab": LabError("The finger burst."), "bug": TypeError("1 + 'a'")}.get(self.failure, KeyboardInterrupt)
+'''
+
+HEAVY = {"lightning", "matplotlib", "mlflow", "optuna", "scipy", "skfem", "torch"}
+
+IMPORTED = f"""
+import sys
+from pgdl_lab.cli import main
+try:
+    main()
+except SystemExit:
+    pass
+print("HEAVY", sorted({HEAVY!r} & set(sys.modules)))
+"""
+
+
+@pytest.fixture
+def quick(tmp_path: Path) -> Path:
+    """A user's plugin folder with `fem=quick`."""
+    folder = tmp_path / "plugins" / "fem"
+    folder.mkdir(parents=True)
+    (folder / "quick.py").write_text(PLUGIN)
+    return folder
+
+
+def run_folders(root: Path) -> list[Path]:
+    return [path for path in (root / "runs").iterdir() if re.match(r"\d{4}-", path.name)]
+
+
+@pytest.mark.parametrize("option", [["--help"], ["--cfg", "job"]])
+def test_help_and_configuration_load_nothing_heavy(option: list[str]) -> None:
+    done = subprocess.run([sys.executable, "-c", IMPORTED, *option], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "HEAVY []"
+
+
+def test_help_names_the_choices(lab: Lab, quick: Path) -> None:
+    done = lab("--help")
+    assert done.returncode == 0
+    assert "finger: pneunet" in done.stdout
+    assert re.search(r"^fem: .*quick, solid", done.stdout, re.MULTILINE)
+    assert "task: simulate, train" in done.stdout
+    assert "python -m pgdl_lab split=extrapolate" in done.stdout
+    assert not (quick.parents[1] / "runs").exists()
+
+
+def test_configuration_shows_every_value(lab: Lab) -> None:
+    done = lab("--cfg", "job", "loss=[data,boundary]", "loss.boundary.weight=2")
+    assert done.returncode == 0
+    assert "  chambers: 10" in done.stdout
+    assert "  boundary:\n    weight: 2.0" in done.stdout
+    assert done.stdout.startswith("task: train\nfinger:\n")
+
+
+@pytest.mark.parametrize(
+    ("typed", "answer"),
+    [
+        ("finger=pneunt", r"There is no finger 'pneunt'\. Did you mean 'pneunet'\? Choices: .*pneunet"),
+        ("loss=[dta]", r"There is no loss 'dta'\. Did you mean 'data'\? Choices: boundary, data, navier_cauchy"),
+        ("loss=[data,bondary]", r"There is no loss 'bondary'\. Did you mean 'boundary'\?"),
+        ("task=trian", r"There is no task 'trian'\. Did you mean 'train'\? Choices: simulate, train"),
+        ("experiment=paper", r"There is no experiment 'paper'\. .*Choices: paper_extrapolate, paper_random"),
+        ("fingr=pneunet", r"There is no choice or setting 'fingr'\. Did you mean 'finger'\?"),
+        ("finger.wal_mm=3", r"There is no finger field 'wal_mm'\. Did you mean 'wall_mm'\? Choices: .*chambers"),
+        ("trainer.max_epoch=3", r"There is no trainer field 'max_epoch'\. Did you mean 'max_epochs'\?"),
+        ("loss.boundary.weight=3", r"The loss 'boundary' is not chosen: type loss=\[data,boundary\] too"),
+        ("+finger.walls=3", r"A field was added that does not exist .*'walls'"),
+        ("finger.chambers=six", r"finger\.chambers: Value 'six' of type 'str' could not be converted to Integer"),
+        ("finger.wall_mm=-3", r"finger\.wall_mm is -3\.0 mm; it must be above 0"),
+        ("trainer=fast", r"trainer=fast names no field"),
+        ("loss=[]", r"There is no loss to train on"),
+        ("seed=x", r"seed is x; it must be a whole number"),
+        ("seed=[1", r"'seed=\[1' cannot be read as key=value"),
+        ("resume=runs/gone", r"There is no run in 'runs/gone'"),
+    ],
+)
+def test_bad_input_is_one_sentence_before_any_work(lab: Lab, tmp_path: Path, typed: str, answer: str) -> None:
+    done = lab(typed)
+    assert done.returncode == 1
+    assert re.fullmatch(rf"pgdl-lab: .*{answer}.*\n", done.stderr)
+    assert not list(tmp_path.glob("runs/latest"))
+    assert not list(tmp_path.glob("mlflow.db"))
+
+
+def test_a_broken_plugin_warns_and_the_rest_works(lab: Lab, quick: Path) -> None:
+    (quick / "broken.py").write_text("1 / 0")
+    done = lab("--help")
+    assert done.returncode == 0
+    assert done.stderr == "Plugin pgdl_lab.plugins.fem.broken is left out: ZeroDivisionError: division by zero\n"
+    assert "quick" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("failure", "answer"),
+    [("lab", r"pgdl-lab: The finger burst\.\n"), ("bug", r"pgdl-lab: TypeError: 1 \+ 'a' \(see .*/run\.log\)\n")],
+)
+def test_a_failure_is_one_line_and_its_traceback_is_in_the_log(
+    lab: Lab, tmp_path: Path, quick: Path, failure: str, answer: str
+) -> None:
+    done = lab("task=simulate", "fem=quick", f"fem.failure={failure}")
+    assert done.returncode == 1
+    assert re.fullmatch(answer, done.stderr)
+    assert "Traceback" not in done.stdout
+    assert "Traceback" in (tmp_path / "runs" / "latest" / "run.log").read_text()
+
+
+def test_an_interrupt_is_told(lab: Lab, quick: Path) -> None:
+    done = lab("task=simulate", "fem=quick", "fem.failure=interrupt")
+    assert done.returncode == 1
+    assert done.stderr == "pgdl-lab: stopped by the user\n"
+
+
+def test_the_other_jobs_of_a_multirun_still_run(lab: Lab, tmp_path: Path, quick: Path) -> None:
+    done = lab("-m", "task=simulate", "fem=quick", "fem.failure=lab,bug,input")
+    assert done.returncode == 1
+    (sweep,) = run_folders(tmp_path)
+    assert done.stderr.splitlines()[-4:] == [
+        f"pgdl-lab: 3 of the multirun's jobs failed (more in {sweep}/<job>/run.log):",
+        "  job 0: The finger burst.",
+        "  job 1: TypeError: 1 + 'a'",
+        "  job 2: fem.failure is 'input'; it must be lab or bug.",
+    ]
+    assert "Traceback" not in done.stderr + done.stdout
+    for job, error in enumerate(["The finger burst", "TypeError", "InputError"]):
+        log = (sweep / str(job) / "run.log").read_text()
+        assert "Traceback" in log
+        assert error in log
+
+
+def test_resume_takes_no_multirun(lab: Lab, tmp_path: Path, quick: Path) -> None:
+    lab("task=simulate", "fem=quick")
+    done = lab("-m", "resume=runs/latest", "seed=1,2")
+    assert done.returncode == 1
+    assert "resume continues one run: leave out -m" in done.stderr
+
+
+def test_resume_keeps_the_stored_configuration(lab: Lab, tmp_path: Path, quick: Path) -> None:
+    lab("task=simulate", "fem=quick", "seed=7")
+    folder = (tmp_path / "runs" / "latest").resolve()
+    stored = (folder / "config.yaml").read_text()
+    refused = lab("resume=runs/latest", "seed=8")
+    assert "'seed' cannot change now" in refused.stderr
+    assert (folder / "config.yaml").read_text() == stored
+    lab("resume=runs/latest", "trainer.max_epochs=77")
+    assert (folder / "config.yaml").read_text() == stored.replace("max_epochs: 2000", "max_epochs: 77")
+    assert run_folders(tmp_path) == [folder]
+
+
+@pytest.mark.parametrize("blocked", ["runs", "runs/snapshots"])
+def test_an_unwritable_runs_folder_is_told_at_once(lab: Lab, tmp_path: Path, blocked: str) -> None:
+    (tmp_path / blocked).parent.mkdir(exist_ok=True)
+    (tmp_path / blocked).write_text("a file where a folder is needed")
+    done = lab("task=simulate", "finger.chambers=1")
+    assert done.returncode == 1
+    assert re.fullmatch(rf"pgdl-lab: .*{tmp_path / blocked}.*PGDL_LAB_ROOT.*\n", done.stderr)
+    assert "Traceback" not in done.stdout
