@@ -1,0 +1,85 @@
+"""The way of the data: simulate, split, fit, assess. Who has read this file knows the project."""
+
+import logging
+import time
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from pgdl_lab import paths
+from pgdl_lab.assessment.assess import Labels, assess
+from pgdl_lab.assessment.table import closing_table
+from pgdl_lab.cache import simulate
+from pgdl_lab.epoch_logger import EpochLogger
+from pgdl_lab.experiment import Experiment
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.module import TrainingDiverged
+from pgdl_lab.registry import describe
+from pgdl_lab.tracking import TrackedRun
+
+_log = logging.getLogger(__name__)
+
+
+def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, Any]:
+    """Train and assess one surrogate; everything is written to `folder`.
+
+    Parameters
+    ----------
+    experiment
+        What is simulated and trained.
+    folder
+        Run folder.
+    tracked
+        Where the dataset and the metrics of the epochs are logged.
+
+    Returns
+    -------
+    The content of metrics.json.
+
+    Raises
+    ------
+    LabError
+        If the split leaves no test points, the simulation stops or the training diverges.
+    """
+    finger, observation, seed = experiment.finger, experiment.observation, experiment.seed
+    experiment.split.check(observation.pressures_kpa(finger.max_kpa), observation.points)
+
+    start = time.perf_counter()
+    snapshots, path, cached = simulate(finger, experiment.fem, observation, paths.RUNS / "snapshots")
+    waited = time.perf_counter() - start
+    seconds = {
+        "simulate": snapshots.provenance.get("seconds", waited),
+        "simulate_cached": waited if cached else 0.0,
+    }
+    _log.info("Snapshots %s: %s", "from the cache" if cached else "computed", path)
+    tracked.log_snapshots(snapshots, path)
+
+    train = experiment.split.train_points(snapshots, seed)
+
+    start = time.perf_counter()
+    training = Training(
+        samples=Samples.of(snapshots, train),
+        scene=Scene.of(finger, snapshots),
+        losses=experiment.loss,
+        trainer=experiment.trainer,
+        optimizer=experiment.optimizer,
+        seed=seed,
+        folder=folder,
+        provenance=snapshots.provenance,
+        logger=EpochLogger(tracked),
+    )
+    try:
+        surrogate = experiment.model.fit(training)
+    except TrainingDiverged as diverged:
+        diverged.surrogate.save(folder / "surrogate.pt")
+        raise
+    surrogate.save(folder / "surrogate.pt")
+    seconds["train"] = time.perf_counter() - start
+
+    chosen = (experiment.finger, experiment.fem, experiment.split, experiment.model)
+    labels = Labels(*(describe(part)["name"] for part in chosen), list(experiment.loss), seed)
+    assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder)
+    Console().print(closing_table(assessment.metrics, assessment.highlights))
+    _log.info("Everything of this run is in %s", folder)
+    return assessment.metrics
