@@ -77,8 +77,14 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     surrogate.save(folder / "surrogate.pt")
     seconds["train"] = time.perf_counter() - start
 
-    chosen = (experiment.finger, experiment.fem, experiment.split, experiment.model)
-    labels = Labels(*(describe(part)["name"] for part in chosen), list(experiment.loss), seed)
+    labels = Labels(
+        finger=describe(finger)["name"],
+        fem=describe(experiment.fem)["name"],
+        split=describe(experiment.split)["name"],
+        model=describe(experiment.model)["name"],
+        losses=list(experiment.loss),
+        seed=seed,
+    )
     assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder)
     Console().print(closing_table(assessment.metrics, assessment.highlights))
     _log.info("Everything of this run is in %s", folder)

@@ -16,6 +16,7 @@ atexit.register(shutil.rmtree, _root, ignore_errors=True)
 os.environ["PGDL_LAB_ROOT"] = _root  # before anything imports pgdl_lab.paths
 os.environ.pop("MLFLOW_TRACKING_URI", None)
 
+CHECKOUT = Path(__file__).resolve().parents[1]
 Lab = Callable[..., subprocess.CompletedProcess[str]]
 
 
@@ -46,7 +47,12 @@ def lab(tmp_path: Path) -> Lab:
     """Run `python -m pgdl_lab` with the given arguments in a process and a root of its own."""
 
     def run(*args: str) -> subprocess.CompletedProcess[str]:
-        environment = {**os.environ, "PGDL_LAB_ROOT": str(tmp_path), "OMP_NUM_THREADS": "1"}
+        environment = {
+            **os.environ,
+            "PGDL_LAB_ROOT": str(tmp_path),
+            "OMP_NUM_THREADS": "1",
+            "PYTHONPATH": str(CHECKOUT),
+        }
         command = [sys.executable, "-m", "pgdl_lab", *args]
         return subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
 

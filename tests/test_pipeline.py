@@ -1,0 +1,138 @@
+"""The whole way of the data, with made-up snapshots in place of a simulation."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from mlflow import MlflowClient
+from mlflow.entities import Run
+
+import pgdl_lab
+from pgdl_lab.tracking import RUN_ID
+from tests.conftest import CHECKOUT, Lab
+
+FEM = '''
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from pgdl_lab.fem import Fem
+from pgdl_lab.paths import ROOT
+from pgdl_lab.registry import register
+from tests.synthetic import snapshots
+
+@register("fem", "made_up")
+@dataclass(frozen=True)
+class MadeUp(Fem):
+    """Snapshots out of a formula; each simulation leaves a line in a file."""
+
+    def simulate(self, finger, observation):
+        with (ROOT / "simulations").open("a") as file:
+            file.write("one\\n")
+        return snapshots(cell_mm=2.5, count=observation.snapshots)
+'''
+
+SMALL = [
+    "fem=made_up", "model=mlp", "model.width=16", "model.depth=2", "observation.snapshots=20", "split.points=500",
+    "trainer.max_epochs=3", "trainer.progress=false", "observation.points=398",
+]  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def made_up(tmp_path: Path, migrated_database: Path) -> None:
+    folder = tmp_path / "plugins" / "fem"
+    folder.mkdir(parents=True)
+    (folder / "made_up.py").write_text(FEM)
+    (tmp_path / "mlflow.db").write_bytes(migrated_database.read_bytes())
+
+
+def tracked(root: Path, folder: Path) -> Run:
+    return MlflowClient(f"sqlite:///{root}/mlflow.db").get_run((folder / RUN_ID).read_text())
+
+
+def simulations(root: Path) -> int:
+    return len((root / "simulations").read_text().splitlines())
+
+
+def test_a_run_leaves_what_it_promises(lab: Lab, tmp_path: Path) -> None:
+    done = lab(*SMALL, "split=extrapolate", "loss=[data,boundary]", "seed=3")
+    assert done.returncode == 0, done.stderr
+    folder = (tmp_path / "runs" / "latest").resolve()
+    assert {path.name for path in folder.iterdir()} == {
+        "checkpoints", "config.yaml", "figures", "metrics.json", RUN_ID, "run.log", "surrogate.pt",
+    }  # fmt: skip
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert {key: metrics[key] for key in ("finger", "fem", "split", "model", "losses", "seed", "train_points")} == {
+        "finger": "pneunet", "fem": "made_up", "split": "extrapolate", "model": "mlp", "losses": ["data", "boundary"],
+        "seed": 3, "train_points": 500,
+    }  # fmt: skip
+    assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
+    assert metrics["points"] == metrics["train_points"] + metrics["test_points"]
+    surrogate = pgdl_lab.load(folder / "surrogate.pt")
+    assert surrogate.predict(np.zeros((4, 2)), [10.0, 20.0]).shape == (2, 4, 2)
+    run = tracked(tmp_path, folder)
+    assert run.info.status == "FINISHED"
+    assert run.data.metrics["mse_mm2/x"] == metrics["mse_mm2"]["x"]
+    assert run.inputs.dataset_inputs[0].dataset.name == "snapshots"
+    history = MlflowClient(f"sqlite:///{tmp_path}/mlflow.db").get_metric_history(run.info.run_id, "loss")
+    assert history, sorted(run.data.metrics)
+
+
+def test_a_multirun_simulates_once_and_nests_its_runs(lab: Lab, tmp_path: Path) -> None:
+    done = lab("-m", *SMALL, "split=random,extrapolate", "loss=[data],[data,navier_cauchy]")
+    assert done.returncode == 0, done.stderr
+    assert simulations(tmp_path) == 1
+    sweep = (tmp_path / "runs" / "latest").resolve().parent
+    parent = tracked(tmp_path, sweep)
+    jobs = [tracked(tmp_path, sweep / job) for job in "0123"]
+    assert [run.info.status for run in [parent, *jobs]] == ["FINISHED"] * 5
+    assert {job.data.tags["mlflow.parentRunId"] for job in jobs} == {parent.info.run_id}
+    assert len({(job.data.tags["split"], job.data.tags["loss"]) for job in jobs}) == 4
+
+
+def test_a_split_that_cannot_be_made_is_refused_before_the_simulation(lab: Lab, tmp_path: Path) -> None:
+    done = lab(*SMALL, "split.points=7960")
+    assert done.returncode == 1
+    assert "leaves none to test on" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "simulations").exists()
+    assert tracked(tmp_path, tmp_path / "runs" / "latest").info.status == "FAILED"
+
+
+def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> None:
+    environment = {**os.environ, "PGDL_LAB_ROOT": str(tmp_path), "OMP_NUM_THREADS": "1", "PYTHONPATH": str(CHECKOUT)}
+    budget = [
+        "trainer.max_epochs=100000",
+        "trainer.max_time=4",
+        "trainer.checkpoint_every_s=0",
+        "trainer.log_every_s=0",
+    ]
+    command = [sys.executable, "-m", "pgdl_lab", *SMALL, *budget]
+    process = subprocess.Popen(command, env=environment, cwd=tmp_path, stdout=subprocess.DEVNULL)
+    latest = tmp_path / "runs" / "latest"
+    while not (latest / "checkpoints" / "last.ckpt").exists():
+        assert process.poll() is None, "the training ended before it could be killed"
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    folder = latest.resolve()
+    assert tracked(tmp_path, folder).info.status == "RUNNING"
+    assert not (folder / "surrogate.pt").exists()
+    before = torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)["history"]
+    assert before
+
+    done = lab("resume=runs/latest")
+    assert done.returncode == 0, done.stderr
+    assert latest.resolve() == folder
+    assert simulations(tmp_path) == 1
+    assert tracked(tmp_path, folder).info.status == "FINISHED"
+    history = pgdl_lab.load(folder / "surrogate.pt").record.history
+    assert history[: len(before)] == before  # the times in it would differ if it had begun anew
+    assert len(history) > len(before)
+    assert history[-1]["seconds"] == pytest.approx(4, abs=1)
