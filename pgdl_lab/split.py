@@ -35,7 +35,7 @@ class Split(ABC):
         """Which snapshots may give training points: (P,) bool for rising pressures (P,) [kPa]."""
 
     def highlights(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Indices of the snapshots that tables and base-line figures show: nearest to 20, 40 … 100 % of the highest pressure."""
+        """Indices of the snapshots that tables and figures show: at 20, 40 … 100 % of the highest pressure."""
         return nearest(pressures_kpa, np.linspace(0.2, 1, 5) * pressures_kpa[-1])
 
     def check(self, pressures_kpa: NDArray[np.float64], nodes: int) -> None:
@@ -61,7 +61,9 @@ class Split(ABC):
                 "ask for fewer or raise observation.points."
             )
         if self.points == total:
-            raise InputError(f"split.points is {self.points}, which is every point and leaves none to test on; ask for fewer.")
+            raise InputError(
+                f"split.points is {self.points}, which is every point and leaves none to test on; ask for fewer."
+            )
 
     def train_points(self, snapshots: Snapshots, seed: int) -> NDArray[np.int64]:
         """Sorted indices (n,) of the training points, drawn evenly from the seen snapshots; the rest are test points.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -142,7 +141,7 @@ def load(path: str | Path) -> Surrogate:
         raise InputError(f"{path} is not a surrogate of pgdl_lab; give the surrogate.pt of a run.")
     if content.get("version") != VERSION:
         raise InputError(
-            f"{path} has format version {content.get('version')}, this pgdl_lab reads version {VERSION}; train it again."
+            f"{path} has format version {content.get('version')}, but this pgdl_lab reads {VERSION}; train it again."
         )
     discover()
     try:
@@ -154,7 +153,7 @@ def load(path: str | Path) -> Surrogate:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"{path} does not hold what its format promises ({error}); train it again.") from error
+        raise InputError(f"{path} does not hold the weights that its model needs; train it again.") from error
 
 
 def read_safely(path: Path, what: str) -> Any:
@@ -169,7 +168,7 @@ def read_safely(path: Path, what: str) -> Any:
         return torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
         raise InputError(f"The {what} {path} cannot be read: {error.strerror}.") from error
-    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
+    except Exception as error:  # the unpickler trips over foreign bytes in many ways
         raise InputError(f"{path} is damaged or not a {what} of pgdl_lab; give another file or train again.") from error
 
 

@@ -45,7 +45,9 @@ class Comparison:
 
     def seen_snapshots(self) -> NDArray[np.bool_]:
         """(P,), the snapshots that gave training points."""
-        return ~self.unseen.all(axis=1)
+        seen = np.zeros(len(self.unseen), dtype=bool)
+        seen[self.train // self.unseen.shape[1]] = True
+        return seen
 
     def mse_mm2(self) -> dict[str, float]:
         """Mean squared error of each component over all unseen points [mm²]."""

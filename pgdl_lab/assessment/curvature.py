@@ -10,9 +10,9 @@ MM_PER_M = 1000.0
 def mean_curvature_per_m(line_mm: NDArray[np.float64]) -> float:
     """Mean curvature of a base line, by the turning of its tangent.
 
-    x and z are fitted by polynomials of degree 9 in the arc length s (least squares on a Chebyshev basis). The mean curvature
-    is the turning of the fitted tangent from root to tip divided by the fitted length: exact for a circular arc of any angle,
-    and 0 for a straight line, where fitted circles break down.
+    x and z are fitted by polynomials of degree 9 in the arc length s (least squares on a Chebyshev basis). The mean
+    curvature is the turning of the fitted tangent from root to tip divided by the fitted length: exact for a circular
+    arc of any angle, and 0 for a straight line, where fitted circles break down.
 
     Parameters
     ----------
@@ -24,9 +24,7 @@ def mean_curvature_per_m(line_mm: NDArray[np.float64]) -> float:
     Mean curvature [1/m], positive when the finger bends upwards (from x towards z).
     """
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line_mm, axis=0), axis=1))])
-    fitted = [
-        np.polynomial.Chebyshev.fit(arc, component, min(DEGREE, len(arc) - 1)).deriv() for component in line_mm.T
-    ]
+    fitted = [np.polynomial.Chebyshev.fit(arc, component, min(DEGREE, len(arc) - 1)).deriv() for component in line_mm.T]
     s = np.linspace(0, arc[-1], 10 * DEGREE + 1)
     tangent_x, tangent_z = (derivative(s) for derivative in fitted)
     angle = np.unwrap(np.arctan2(tangent_z, tangent_x))

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.size": 11,
     "axes.titlesize": 11,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "legend.frameon": False,
+    "legend.edgecolor": "0.8",
     "savefig.dpi": 200,
 }
 COMPONENTS = (("x", "$u_x$"), ("z", "$u_z$"))
@@ -85,14 +85,15 @@ def _field_figure(comparison: Comparison, component: int) -> Callable[[], Figure
             ("surrogate", predicted, both[1], symbol, "viridis", (low, high)),
             ("surrogate − FEM", fem, error, f"Δ{symbol}", "RdBu_r", (-bound, bound)),
         )
-        figure, axes = _new(1, 3, 13, 5, sharex=True, sharey=True)
+        figure, axes = _new(1, 3, 13, 6.5, sharex=True, sharey=True)
         for axis, (title, shift, values, label, colours, (least, most)) in zip(axes, panels, strict=True):
             x, z = (snapshots.points + shift).T
             shown = axis.tripcolor(
-                x, z, snapshots.triangles, values, shading="gouraud", cmap=colours, vmin=least, vmax=most, rasterized=True
+                x, z, snapshots.triangles, values, shading="gouraud", cmap=colours, vmin=least, vmax=most
             )
             figure.colorbar(shown, ax=axis, label=f"{label} [mm]", location="bottom", shrink=0.9)
-            axis.set(title=f"{title}\nmin {values.min():.4g}, max {values.max():.4g} mm", xlabel="x [mm]", aspect="equal")
+            axis.set_title(f"{title}\nmin {values.min():.4g}, max {values.max():.4g} mm")
+            axis.set(xlabel="x [mm]", aspect="equal")
         axes[0].set_ylabel("z [mm]")
         figure.suptitle(f"{symbol} at {snapshots.pressures_kpa[-1]:g} kPa on the deformed shape")
         return figure
@@ -111,9 +112,8 @@ def _base_lines(comparison: Comparison, highlights: NDArray[np.int64]) -> Callab
         for snapshot, colour in zip(highlights, colours, strict=True):
             fem, surrogate = comparison.base_lines_mm(int(snapshot))
             axis.plot(*fem.T, color=colour, linewidth=3, alpha=0.45)
-            axis.plot(
-                *surrogate.T, color=colour, linestyle="--", label=f"{comparison.snapshots.pressures_kpa[snapshot]:g} kPa"
-            )
+            kpa = comparison.snapshots.pressures_kpa[snapshot]
+            axis.plot(*surrogate.T, color=colour, linestyle="--", label=f"{kpa:g} kPa")
         axis.plot([], [], color="0.3", linewidth=3, alpha=0.45, label="FEM")
         axis.plot([], [], color="0.3", linestyle="--", label="surrogate")
         axis.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal", title="Deformed base line")
@@ -133,9 +133,8 @@ def _mse_over_pressure(comparison: Comparison) -> Callable[[], Figure]:
         for (component, symbol), line in zip(COMPONENTS, ("-", "--"), strict=True):
             axis.semilogy(kpa, [row[f"mse_{component}_mm2"] for row in rows], line, label=symbol)
         _shade_training(axis, kpa, comparison.seen_snapshots())
-        axis.set(
-            xlabel="pressure [kPa]", ylabel="MSE over unseen points [mm²]", title="Error over pressure", xlim=(0, kpa[-1])
-        )
+        axis.set(xlabel="pressure [kPa]", ylabel="MSE over unseen points [mm²]", xlim=(0, kpa[-1]))
+        axis.set_title("Error over pressure")
         axis.grid(alpha=0.3)
         axis.legend()
         return figure

@@ -1,7 +1,7 @@
 """The paper's own figures, for its own fingers: what our numbers stand beside.
 
-All are read from its text (sections IV-B1 and IV-B2, Table II); what it shows only in pictures is left out. Its fingers are
-not the ones simulated here to the last dimension, so displacements compare in kind, errors in size.
+All are read from its text (sections IV-B1 and IV-B2, Table II); what it shows only in pictures is left out. Its fingers
+are not the ones simulated here to the last dimension, so displacements compare in kind, errors in size.
 """
 
 from dataclasses import dataclass, field

@@ -25,13 +25,15 @@ def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Gro
 
 
 def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Published) -> Table:
-    table = Table(title=f"{metrics['finger']}, split {metrics['split']}, model {metrics['model']}: MSE over unseen points")
+    scene = f"{metrics['finger']}, split {metrics['split']}, model {metrics['model']}"
+    table = Table(title=f"{scene}: MSE over unseen points")
     for heading in ("pressure [kPa]", "trained on", "x [mm²]", "paper", "z [mm²]", "paper", "max |error| [mm]"):
         table.add_column(heading, justify="right")
     highest = metrics["by_pressure"][-1]["kpa"]
     for snapshot in highlights:
         row = metrics["by_pressure"][snapshot]
-        theirs = next((text for share, text in paper.mse_mm2.items() if abs(row["kpa"] / highest - share) < 5e-3), ("–", "–"))
+        share = row["kpa"] / highest
+        theirs = next((text for known, text in paper.mse_mm2.items() if abs(share - known) < 5e-3), ("–", "–"))
         table.add_row(
             f"{row['kpa']:g}", "yes" if row["seen"] else "no",
             f"{row['mse_x_mm2']:.2e}", theirs[0], f"{row['mse_z_mm2']:.2e}", theirs[1], f"{row['max_abs_mm']:.3g}",
@@ -62,7 +64,7 @@ def _range(pair: Any) -> str:
 
 def _times(metrics: dict[str, Any]) -> Table:
     table = Table(title="Time")
-    for heading in ("simulate [s]", "train [s]", "full field [ms]", "tip [ms]", "base line, greatest rms distance [mm]"):
+    for heading in ("simulate [s]", "train [s]", "full field [ms]", "tip [ms]", "greatest base-line distance [mm]"):
         table.add_column(heading, justify="right")
     seconds, latency = metrics["seconds"], metrics["latency_ms"]
     cached = " (cached)" if seconds.get("simulate_cached") else ""

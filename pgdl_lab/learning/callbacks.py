@@ -7,16 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import lightning.pytorch as pl
+from lightning.pytorch import callbacks
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from pgdl_lab.files import replacing
 from pgdl_lab.learning.module import TrainingModule
 
 
-class Checkpoint(pl.Callback):
+class Checkpoint(callbacks.Checkpoint):
     """Writes `path` at the end of an epoch, when the last time is `every_s` ago, and at the end of the training.
 
-    The file is written to a temporary name and renamed, so that a kill at any time leaves a whole one.
+    The file is written to a temporary name and renamed, so that a kill at any time leaves a whole one. Being of
+    Lightning's kind of checkpoint callback, this one runs after the module has checked and recorded the epoch.
 
     Parameters
     ----------

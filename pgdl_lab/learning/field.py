@@ -26,7 +26,7 @@ class Field(nn.Module, ABC):
 
     @abstractmethod
     def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
-        """Displacement and derivatives (J, n, 2) from coordinates (J, n, F) and pressures (n,) [kPa]; see `Jet.rows`."""
+        """Displacement and derivatives (J, n, 2), see `Jet`, from coordinates (J, n, F) and pressures (n,) [kPa]."""
 
     def jet(self, coordinates: Tensor, pressures_kpa: Tensor, order: int) -> Jet:
         """Displacement and derivatives up to `order`."""
@@ -38,7 +38,9 @@ class Field(nn.Module, ABC):
 
     def displacements(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
         """Displacements (P, N, 2) [mm] of all points with coordinates (1, N, F) at all pressures (P,) [kPa]."""
-        return torch.stack([self(coordinates, pressure.expand(coordinates.shape[1])) for pressure in pressures_kpa])
+        count = coordinates.shape[1]
+        fields = [self(coordinates, pressure.expand(count)) for pressure in pressures_kpa]
+        return torch.stack(fields) if fields else coordinates.new_empty(0, count, 2)
 
 
 class PlaneField(Field):

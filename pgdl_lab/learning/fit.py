@@ -46,7 +46,8 @@ def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
     checkpoint = _checkpoint(path, identity)
 
     def surrogate() -> NeuralSurrogate:
-        return NeuralSurrogate(model, Record(_ranges(training.samples), dict(training.provenance), module.history), field)
+        record = Record(_ranges(training.samples), dict(training.provenance), module.history)
+        return NeuralSurrogate(model, record, field)
 
     if checkpoint is not None and _finished(checkpoint, training):
         module.load_state_dict(checkpoint["state_dict"])
@@ -55,9 +56,10 @@ def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
     trainer = _trainer(training, Checkpoint(path, training.trainer.checkpoint_every_s, identity))
     try:
         with warnings.catch_warnings():
-            # Lightning advises on data loaders and warns of a resume within an epoch; neither applies to slices in memory
+            # Lightning advises on data loaders, which do not exist here
             warnings.filterwarnings("ignore", module="lightning")
-            trainer.fit(module, range(module.steps_per_epoch), ckpt_path=path if checkpoint else None, weights_only=True)
+            resumed = path if checkpoint else None
+            trainer.fit(module, range(module.steps_per_epoch), ckpt_path=resumed, weights_only=True)
     except TrainingDiverged as error:
         module.restore_last_good()
         error.surrogate = surrogate()
@@ -77,7 +79,6 @@ def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
         logger=training.logger or False,
         callbacks=[checkpoint, *([ProgressBar()] if settings.progress else [])],
         default_root_dir=training.folder,
-        enable_checkpointing=False,  # Lightning's own is not needed beside ours
         enable_progress_bar=False,
         enable_model_summary=False,
     )

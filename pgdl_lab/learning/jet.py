@@ -120,10 +120,9 @@ def _along(outputs: Tensor, offsets: Tensor) -> tuple[Tensor, Tensor]:
     if not outputs.requires_grad:
         return torch.zeros_like(outputs), torch.zeros_like(outputs)
     (pulled,) = torch.autograd.grad(outputs, offsets, probe, create_graph=True, materialize_grads=True)
+    if not pulled.requires_grad:
+        return torch.zeros_like(outputs), torch.zeros_like(outputs)
     along_x, along_z = (
-        torch.autograd.grad(pulled[..., i].sum(), probe, create_graph=True, retain_graph=True, materialize_grads=True)[0]
-        if pulled.requires_grad
-        else torch.zeros_like(outputs)
-        for i in range(2)
+        torch.autograd.grad(pulled[..., i].sum(), probe, create_graph=True, materialize_grads=True)[0] for i in range(2)
     )
     return along_x, along_z

@@ -14,8 +14,8 @@ from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.jet import ROWS, propagate
 from pgdl_lab.learning.triangulation import Triangulation
 
-# The least-squares start punishes mode m in the k-th Chebyshev polynomial by RIDGE · (λ_m / λ_max)² · GROWTH^k per sample:
-# fast changes along the body and in pressure are taken up only as far as the data ask for them.
+# The least-squares start punishes mode m in the k-th Chebyshev polynomial by RIDGE · (λ_m / λ_max)² · GROWTH^k per
+# sample: fast changes along the body and in pressure are taken up only as far as the data ask for them.
 RIDGE = 1e-2
 GROWTH = 16.0
 FLOOR = 1e-6  # keeps the normal matrix regular where the data say nothing
@@ -62,8 +62,10 @@ class ModalField(Field):
         dtype: torch.dtype,
     ) -> None:
         super().__init__()
-        for name, table in (("points_mm", points_mm), ("triangles", triangles), ("modes", modes), ("eigenvalues", eigenvalues)):
-            self.register_buffer(name, table)
+        self.register_buffer("points_mm", points_mm)
+        self.register_buffer("triangles", triangles)
+        self.register_buffer("modes", modes)
+        self.register_buffer("eigenvalues", eigenvalues)
         self.register_buffer("range_kpa", range_kpa)
         self.deep = deep
         self.linear = nn.Linear(modes.shape[1], 2 * (degree + 1))
@@ -89,7 +91,7 @@ class ModalField(Field):
 
     def coefficients(self, coordinates: Tensor) -> Tensor:
         """Coefficients (J, n, degree + 1, 2) [mm] and derivatives from coordinates (J, n, M)."""
-        return (propagate(self.deep, coordinates) + propagate(self.linear, coordinates)).unflatten(-1, (-1, 2))
+        return torch.unflatten(propagate(self.deep, coordinates) + propagate(self.linear, coordinates), -1, (-1, 2))
 
     def polynomials(self, pressures_kpa: Tensor) -> Tensor:
         """Chebyshev polynomials (n, degree + 1) at pressures (n,) [kPa]; they go on beyond the range."""
@@ -115,7 +117,7 @@ class ModalField(Field):
         ridge = RIDGE * len(modes) * torch.outer(growth, roughness).flatten()
         normal = design.T @ design + torch.diag(ridge)
         fitted = torch.linalg.solve(normal, design.T @ torch.from_numpy(samples.displacements_mm))
-        weights = fitted.unflatten(0, (self.degree + 1, -1)).transpose(1, 2).flatten(0, 1)  # row 2 k + component
+        weights = fitted.view(self.degree + 1, -1, 2).transpose(1, 2).flatten(0, 1)  # row 2 k + component
         self.linear.bias.copy_(weights[:, 0])
         self.linear.weight.copy_(weights[:, 1:])
         last = self.deep[-1]

@@ -37,6 +37,10 @@ class Objective(nn.Module):
         When there is no term.
     """
 
+    inputs: Tensor
+    pressures: Tensor
+    targets: Tensor
+
     def __init__(self, field: Field, losses: Mapping[str, Loss], samples: Samples, scene: Scene) -> None:
         super().__init__()
         if not losses:
@@ -44,14 +48,14 @@ class Objective(nn.Module):
         self.field = field
         self.losses = dict(losses)
         self.scene = scene
-        own = {name: points for name, loss in self.losses.items() if (points := loss.own_points(scene)) is not None}
+        own = {name: given for name, loss in self.losses.items() if (given := loss.own_points(scene)) is not None}
         self.order = max((loss.order for name, loss in self.losses.items() if name not in own), default=0)
         self.range_kpa = float(samples.pressures_kpa.min()), float(samples.pressures_kpa.max())
         self._keep("inputs", field.coordinates(samples.points_mm, self.order))
         self._keep("pressures", torch.from_numpy(samples.pressures_kpa))
         self._keep("targets", torch.from_numpy(samples.displacements_mm))
-        for name, (points, targets) in own.items():
-            self._keep(f"{name}_inputs", field.coordinates(points, self.losses[name].order))
+        for name, (own_points, targets) in own.items():
+            self._keep(f"{name}_inputs", field.coordinates(own_points, self.losses[name].order))
             self._keep(f"{name}_targets", torch.from_numpy(targets))
         self.own = tuple(own)
         self._warn_of_lost_curvature()
@@ -65,8 +69,8 @@ class Objective(nn.Module):
         for name, loss in self.losses.items():
             if flat and loss.order >= 2:
                 _log.warning(
-                    "Loss %s uses second derivatives, which are zero everywhere in a network of %s: they train nothing, "
-                    "only first derivatives in it do; choose model.activation=tanh, silu, gelu or sin.",
+                    "Loss %s uses second derivatives, which are zero everywhere in a network of %s: they train "
+                    "nothing, only first derivatives in it do; choose model.activation=tanh, silu, gelu or sin.",
                     name, " and ".join(sorted(flat)),
                 )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Functions on a triangulated body: its vibration modes, interpolation and derivatives that never look across a slot."""
+"""Functions on a triangulated body: modes, interpolation and derivatives that never look across a slot."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Triangulation:
         return OUTSIDE * float(np.linalg.norm(np.ptp(self.points_mm, axis=0)))
 
     def _best(self, points_mm: Floats, candidates: Ints) -> tuple[Ints, Floats]:
-        """Of the candidate triangles (M, C), those (M,) that hold the points best, and weights (M, 3) clipped to them."""
+        """Of candidate triangles (M, C), those (M,) that hold the points best, and weights (M, 3) clipped to them."""
         edges, areas = self._edges
         offset = points_mm[:, None, None] - np.roll(self.points_mm[self.triangles[candidates]], -1, axis=2)
         edge = edges[candidates]

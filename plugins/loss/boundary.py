@@ -27,7 +27,7 @@ class Boundary(Loss):
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         clamped = scene.points_mm[scene.clamp]
         if not len(clamped):
-            raise InputError("Loss boundary needs clamped points, but the snapshots name none; leave it out of loss=[...].")
+            raise InputError("Loss boundary needs clamped points, but the snapshots name none; leave it out.")
         return clamped, np.zeros_like(clamped)
 
     def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:

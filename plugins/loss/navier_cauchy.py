@@ -51,7 +51,9 @@ class NavierCauchy(Loss):
         for name in ("lame_mpa", "shear_modulus_mpa"):
             modulus = getattr(self, name)
             if modulus is not None and not modulus > 0:
-                raise InputError(f"loss.navier_cauchy.{name} is {modulus} MPa; it must be positive, or null for the finger's.")
+                raise InputError(
+                    f"loss.navier_cauchy.{name} is {modulus} MPa; it must be positive, or null for the finger's."
+                )
 
     def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
         residual_x, residual_z = self.residuals(jet, scene)

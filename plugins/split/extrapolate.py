@@ -30,11 +30,12 @@ class Extrapolate(Split):
         super().__post_init__()
         if not 0 < self.train_fraction < 1:
             raise InputError(
-                f"split.train_fraction is {self.train_fraction}; it must lie between 0 and 1, so that pressures are left to test on."
+                f"split.train_fraction is {self.train_fraction}; it must lie between 0 and 1, to leave some to test on."
             )
         if not self.tested or not all(self.train_fraction < fraction <= 1 for fraction in self.tested):
             raise InputError(
-                f"split.tested is {list(self.tested)}; give fractions above train_fraction ({self.train_fraction}) and up to 1."
+                f"split.tested is {list(self.tested)}; give fractions above train_fraction ({self.train_fraction}), "
+                "up to 1."
             )
 
     def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -29,13 +29,13 @@ class WholeSnapshots(Split):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.train_snapshots < 2:
-            raise InputError(f"split.train_snapshots is {self.train_snapshots}; at least 2 are needed to interpolate between them.")
+            raise InputError(f"split.train_snapshots is {self.train_snapshots}; at least 2 are needed to interpolate.")
 
     def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:
         if self.train_snapshots >= len(pressures_kpa):
             raise InputError(
-                f"split.train_snapshots is {self.train_snapshots} of {len(pressures_kpa)} snapshots, which holds none out; "
-                "ask for fewer or raise observation.snapshots."
+                f"split.train_snapshots is {self.train_snapshots} of {len(pressures_kpa)} snapshots, which holds none "
+                "out; ask for fewer or raise observation.snapshots."
             )
         low, high = pressures_kpa[0], pressures_kpa[-1]
         chebyshev = (1 - np.cos(np.linspace(0, np.pi, self.train_snapshots))) / 2

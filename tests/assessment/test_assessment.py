@@ -1,0 +1,114 @@
+"""Metrics on data whose errors are known, and everything that an assessment writes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from rich.console import Console
+from torch import Tensor
+
+from pgdl_lab.assessment.assess import Labels, assess
+from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.assessment.curvature import mean_curvature_per_m, rms_distance_mm
+from pgdl_lab.assessment.paper import PUBLISHED, published
+from pgdl_lab.assessment.table import closing_table
+from pgdl_lab.registry import discover, plugin
+from pgdl_lab.surrogate import Record, Surrogate
+from tests.synthetic import MAX_KPA, bend
+from tests.trainings import TRAIN, small
+
+discover()
+TERM = {"raw/data": 2.0, "weighted/data": 4.0, "share/data": 1.0}
+ENTRY = {"epoch": 1.0, "seconds": 1.0, "lr": 1e-3, "loss": 4.0, **TERM}
+
+
+class Shifted(Surrogate):
+    """The truth, off by (0.3, −0.1) mm."""
+
+    def __init__(self) -> None:
+        history = [ENTRY, {**ENTRY, "seconds": 2.0, "raw/data": 1.0}]
+        super().__init__(plugin("model", "mlp")(), Record({}, {}, history))
+
+    def state(self) -> dict[str, Tensor]:
+        return {}
+
+    def displacements(self, points_mm: NDArray[np.float64], pressures_kpa: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.stack([bend(points_mm, kpa) for kpa in pressures_kpa]) + [0.3, -0.1]
+
+
+def arc(angle: float, radius_mm: float) -> NDArray[np.float64]:
+    """200 points on an arc that leaves the origin along x and turns by `angle` towards z."""
+    t = np.linspace(0, angle, 200)
+    return radius_mm * np.stack([np.sin(t), 1 - np.cos(t)], axis=1)
+
+
+@pytest.mark.parametrize("angle", [0.1, 1.0, 3.0, 5.0])
+def test_curvature_of_an_arc_is_one_over_its_radius(angle: float) -> None:
+    assert mean_curvature_per_m(arc(angle, 40.0)) == pytest.approx(1000 / 40, rel=1e-3)
+    assert mean_curvature_per_m(arc(angle, 40.0) * [1, -1]) == pytest.approx(-1000 / 40, rel=1e-3)
+
+
+def test_curvature_of_a_straight_line_is_zero() -> None:
+    assert mean_curvature_per_m(np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)) == pytest.approx(0, abs=1e-9)
+
+
+def test_distance_of_shifted_lines_is_the_shift() -> None:
+    assert rms_distance_mm(arc(1, 40), arc(1, 40) + [3.0, 4.0]) == pytest.approx(5)
+
+
+def test_mse_counts_only_unseen_points() -> None:
+    data = small()
+    predicted = data.displacements + [0.3, -0.1]
+    train = np.arange(0, data.displacements.size // 2, 7)
+    flat = predicted.reshape(-1, 2)
+    flat[train] += 100.0  # must not show
+    comparison = Comparison(data, predicted, train)
+    assert comparison.mse_mm2() == pytest.approx({"x": 0.09, "z": 0.01})
+    assert all(row["max_abs_mm"] == pytest.approx(0.3) for row in comparison.by_pressure())
+
+
+def test_snapshots_without_training_points_are_unseen() -> None:
+    data = small()
+    nodes = len(data.points)
+    rows = Comparison(data, data.displacements, np.arange(3 * nodes, 5 * nodes)).by_pressure()
+    assert [i for i, row in enumerate(rows) if row["seen"]] == [3, 4]
+    assert rows[3]["mse_x_mm2"] == 0  # trained on as a whole: judged on its training points
+
+
+@pytest.mark.parametrize("split", ["random", "extrapolate"])
+def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
+    data = small()
+    labels = Labels("pneunet", "solid", split, "mlp", ["data"], 0)
+    seconds = {"simulate": 1.0, "simulate_cached": 0.0, "train": 2.0}
+    found = assess(Shifted(), data, TRAIN, plugin("split", split)(), labels, seconds, tmp_path)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics == json.loads(json.dumps(found.metrics))
+    assert list(metrics) == [
+        "finger", "fem", "split", "model", "losses", "seed", "points", "train_points", "test_points", "seconds",
+        "mse_mm2", "by_pressure", "extremes_mm", "curvature", "latency_ms",
+    ]  # fmt: skip
+    assert metrics["points"] == metrics["train_points"] + metrics["test_points"] == 20 * len(data.points)
+    assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
+    assert metrics["mse_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
+    assert len(metrics["by_pressure"]) == len(metrics["curvature"]) == 20
+    assert set(metrics["by_pressure"][0]) == {"kpa", "seen", "mse_x_mm2", "mse_z_mm2", "max_abs_mm"}
+    assert metrics["curvature"][-1]["kpa"] == MAX_KPA
+    assert metrics["curvature"][-1]["rms_distance_mm"] == pytest.approx(np.hypot(0.3, 0.1))
+    extremes = metrics["extremes_mm"]
+    assert extremes["surrogate"]["x"][0] - extremes["fem"]["x"][0] == pytest.approx(0.3)
+    for part in (metrics["latency_ms"], metrics["latency_ms"]["all_threads"]):
+        assert 0 < part["tip"]["median"] <= part["tip"]["p99"] and part["full_field"]["median"] > 0
+    names = {"field_x", "field_z", "base_lines", "mse_over_pressure", "loss_history"}
+    assert {path.stem for path in found.figures} == names == {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert all(path.stat().st_size > 10_000 for path in found.figures)
+    console = Console(width=140, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(closing_table(found.metrics, found.highlights))
+    text = console.export_text()
+    assert "9.00e-02" in text and "-63.43" in text and ("0.017" in text) == (split == "extrapolate")
+
+
+def test_published_figures_belong_to_known_splits() -> None:
+    assert all(split in ("random", "extrapolate") for _, split in PUBLISHED)
+    assert published("mine", "random").mse_mm2 == {}

@@ -1,0 +1,110 @@
+"""Closed-form derivatives against automatic differentiation and against derivatives by hand, in float64."""
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pgdl_lab.learning.activations import ACTIVATIONS, DERIVATIVES
+from pgdl_lab.learning.jet import ROWS, Affine, nested, propagate
+from pgdl_lab.learning.layers import fully_connected
+from pgdl_lab.registry import discover, plugin
+from tests.trainings import training
+
+discover()
+TOLERANCE = 1e-10
+
+
+def plane(points: Tensor, order: int) -> Tensor:
+    """Rows of the inputs (x, z, 0.3)."""
+    rows = torch.zeros(ROWS[order], len(points), 3, dtype=torch.double)
+    rows[0, :, :2], rows[0, :, 2] = points, 0.3
+    if order:
+        rows[1, :, 0] = rows[2, :, 1] = 1
+    return rows
+
+
+def by_autograd(layers: nn.Module, points: Tensor) -> Tensor:
+    """All six rows, one component and one derivative at a time."""
+    points = points.clone().requires_grad_()
+    value = layers(torch.cat([points, torch.full_like(points[:, :1], 0.3)], dim=1))
+    columns = []
+    for component in value.T:
+        (first,) = torch.autograd.grad(component.sum(), points, create_graph=True, materialize_grads=True)
+        x, z = first.T
+        second_x, second_z = (
+            torch.autograd.grad(part.sum(), points, retain_graph=True, allow_unused=True)[0]
+            if part.requires_grad
+            else None
+            for part in (x, z)
+        )
+        zero = torch.zeros_like(points)
+        second_x, second_z = (zero if part is None else part for part in (second_x, second_z))
+        columns.append(torch.stack([component, x, z, second_x[:, 0], second_z[:, 1], second_x[:, 1]]))
+    return torch.stack(columns, dim=-1).detach()
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_network_agrees_with_autograd(activation: str) -> None:
+    torch.manual_seed(1)
+    layers = nn.Sequential(
+        Affine(torch.tensor([0.1, 2.0, 1.0]), torch.tensor([0.0, 1.0, -0.5])),
+        *fully_connected(3, 2, depth=3, width=16, activation=activation),
+        Affine(torch.tensor([5.0, 0.2]), torch.tensor([1.0, 2.0])),
+    ).double()
+    points = torch.randn(7, 2, dtype=torch.double)
+    expected = by_autograd(layers, points)
+    for order, rows in ROWS.items():
+        assert torch.allclose(propagate(layers, plane(points, order)), expected[:rows], atol=TOLERANCE, rtol=TOLERANCE)
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS.values())
+def test_activation_agrees_with_the_fallback(activation: type[nn.Module]) -> None:
+    assert activation in DERIVATIVES
+    torch.manual_seed(2)
+    rows = torch.randn(6, 5, 4, dtype=torch.double)
+    assert torch.allclose(propagate(activation(), rows), nested(activation(), rows), atol=TOLERANCE, rtol=TOLERANCE)
+
+
+class Mixing(nn.Module):
+    """A layer that no table knows: it mixes channels and bends them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.mix = nn.Linear(3, 2)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return torch.exp(self.mix(inputs) / 3) * inputs[..., :1]
+
+
+def test_unknown_layer_is_differentiated_and_trains() -> None:
+    torch.manual_seed(3)
+    layers = nn.Sequential(nn.Linear(3, 3), nn.Tanh(), Mixing(), nn.Linear(2, 2)).double()
+    points = torch.randn(6, 2, dtype=torch.double)
+    rows = propagate(layers, plane(points, 2))
+    assert torch.allclose(rows, by_autograd(layers, points), atol=TOLERANCE, rtol=TOLERANCE)
+    rows.square().sum().backward()
+    assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in layers.parameters())
+
+
+def test_derivatives_are_physical_whatever_the_scaling(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """A network of one sine, scaled in and out, against its derivatives by hand."""
+    model = plugin("model", "mlp")(depth=1, width=1, activation="sin", dtype="float64", interval=[0.0, 1.0])
+    field = model.new_field(training(tmp_path, {"data": {}}))
+    scale_in, first, _, last, scale_out = field.layers
+    with torch.no_grad():
+        first.weight.copy_(torch.tensor([[2.0, 3.0, 0.0]]))
+        first.bias.zero_()
+        last.weight.copy_(torch.tensor([[1.0], [0.0]]))
+        last.bias.zero_()
+    points = torch.tensor([[10.0, 5.0], [100.0, 1.0]], dtype=torch.double)
+    jet = field.jet(field.coordinates(points.numpy(), 2), torch.tensor([10.0, 20.0], dtype=torch.double), 2)
+    x_low, x_high, z_low, z_high = 0.0, 114.0, 0.0, 17.0
+    amplitude = float(scale_out.scale[0])
+    phase = 2 * (points[:, 0] - x_low) / (x_high - x_low) + 3 * (points[:, 1] - z_low) / (z_high - z_low)
+    per_x, per_z = 2 / (x_high - x_low), 3 / (z_high - z_low)
+    assert torch.allclose(jet.gradient[:, 0, 0], amplitude * per_x * phase.cos())
+    assert torch.allclose(jet.gradient[:, 0, 1], amplitude * per_z * phase.cos())
+    assert torch.allclose(jet.hessian[:, 0, 0], -amplitude * per_x**2 * phase.sin())
+    assert torch.allclose(jet.hessian[:, 0, 1], -amplitude * per_z**2 * phase.sin())
+    assert torch.allclose(jet.hessian[:, 0, 2], -amplitude * per_x * per_z * phase.sin())
+    assert not jet.gradient[:, 1].any()

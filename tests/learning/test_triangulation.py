@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.triangulation import Triangulation
+from tests.synthetic import comb
+
+
+def rectangle(cells: int = 24) -> Triangulation:
+    """A rectangle of 2 mm × 1 mm."""
+    x, z = np.meshgrid(np.linspace(0, 2, cells + 1), np.linspace(0, 1, cells + 1), indexing="ij")
+    grid = np.arange(x.size).reshape(x.shape)
+    corners = grid[:-1, :-1].ravel(), grid[1:, :-1].ravel(), grid[1:, 1:].ravel(), grid[:-1, 1:].ravel()
+    triangles = np.concatenate([np.stack([corners[i] for i in pick], axis=1) for pick in ((0, 1, 2), (0, 2, 3))])
+    return Triangulation(np.stack([x.ravel(), z.ravel()], axis=1), triangles)
+
+
+def test_modes_of_a_rectangle_are_cosines() -> None:
+    functions, eigenvalues = rectangle().modes(3)
+    assert eigenvalues == pytest.approx(np.pi**2 * np.array([1 / 4, 1, 1]), rel=1e-2)
+    first = np.sqrt(2) * np.cos(np.pi * rectangle().points_mm[:, 0] / 2)
+    assert np.abs(np.abs(functions[:, 0]) - np.abs(first)).max() < 5e-3
+
+
+def test_modes_repeat_exactly() -> None:
+    body = Triangulation(*comb(3.0))
+    assert np.array_equal(body.modes(10)[0], body.modes(10)[0])
+
+
+def test_derivatives_of_a_quadratic_are_exact() -> None:
+    body = Triangulation(*comb(2.0))
+    x, z = body.points_mm.T
+    values = 1 + 2 * x - z + 0.5 * x**2 - 3 * z**2 + 4 * x * z
+    expected = [2 + x + 4 * z, -1 - 6 * z + 4 * x, np.ones_like(x), -6 * np.ones_like(x), 4 * np.ones_like(x)]
+    for matrix, derivative in zip(body.derivatives, expected, strict=True):
+        assert matrix @ values == pytest.approx(derivative, abs=1e-8)
+
+
+def test_located_points_are_their_triangles_weighted_corners() -> None:
+    body = Triangulation(*comb(2.0))
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), len(body.triangles))
+    points = np.einsum("tc,tci->ti", weights, body.points_mm[body.triangles])
+    corners, found = body.locate(points)
+    assert np.einsum("tc,tci->ti", found, body.points_mm[corners]) == pytest.approx(points)
+
+
+def test_nodes_are_located_at_themselves() -> None:
+    body = Triangulation(*comb(2.0))
+    corners, weights = body.locate(body.points_mm)
+    assert np.array_equal(corners[np.arange(len(corners)), weights.argmax(axis=1)], np.arange(len(body.points_mm)))
+
+
+def test_a_point_in_a_slot_is_outside() -> None:
+    with pytest.raises(InputError, match="outside the undeformed body, such as x = 11, z = 15 mm"):
+        Triangulation(*comb(2.0)).locate(np.array([[5.0, 5.0], [11.0, 15.0]]))

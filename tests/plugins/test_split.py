@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.registry import discover, names, plugin
+from pgdl_lab.split import Split
+from tests.trainings import small
+
+discover()
+KPA = np.linspace(0.5, 50, 100)
+
+
+def make(name: str, **fields: object) -> Split:
+    split = plugin("split", name)(**fields)
+    assert isinstance(split, Split)
+    return split
+
+
+@pytest.mark.parametrize("name", names("split"))
+class TestEverySplit:
+    def test_draws_each_point_once_and_only_from_seen_snapshots(self, name: str) -> None:
+        data, split = small(), make(name, points=500)
+        train = split.train_points(data, seed=3)
+        assert train.shape == (500,) and np.all(np.diff(train) > 0)
+        assert split.seen(data.pressures_kpa)[train // len(data.points)].all()
+
+    def test_repeats_under_a_seed_and_differs_under_another(self, name: str) -> None:
+        data, split = small(), make(name, points=500)
+        first = split.train_points(data, seed=3)
+        assert np.array_equal(first, split.train_points(data, seed=3))
+        assert not np.array_equal(first, split.train_points(data, seed=4))
+
+    def test_refuses_more_points_than_there_are(self, name: str) -> None:
+        with pytest.raises(InputError, match="ask for fewer"):
+            make(name, points=10**6).check(KPA, nodes=1000)
+
+    def test_refuses_no_points(self, name: str) -> None:
+        with pytest.raises(InputError, match="at least 1"):
+            make(name, points=0)
+
+    def test_highlights_are_snapshots(self, name: str) -> None:
+        highlights = make(name).highlights(KPA)
+        assert len(highlights) and np.all(np.diff(highlights) > 0) and highlights[-1] == len(KPA) - 1
+
+
+def test_random_refuses_to_leave_no_test_points() -> None:
+    with pytest.raises(InputError, match="none to test on"):
+        make("random", points=1000).check(KPA, nodes=10)
+
+
+def test_random_highlights_the_papers_pressures() -> None:
+    assert KPA[make("random").highlights(KPA)] == pytest.approx([10, 20, 30, 40, 50])
+
+
+@pytest.mark.parametrize("count", [50, 100, 300])
+def test_extrapolate_includes_the_cut_off_whatever_the_rounding(count: int) -> None:
+    kpa = 50 * np.arange(1, count + 1) / count
+    assert kpa[make("extrapolate").seen(kpa)].max() == pytest.approx(44)
+
+
+def test_extrapolate_highlights_the_papers_pressures() -> None:
+    assert KPA[make("extrapolate").highlights(KPA)] == pytest.approx([45, 47, 50])
+
+
+def test_extrapolate_refuses_a_range_without_snapshots() -> None:
+    with pytest.raises(InputError, match="No snapshot lies in the training range"):
+        make("extrapolate").check(np.array([45.0, 50.0]), nodes=10)
+
+
+@pytest.mark.parametrize(
+    "fields", [{"train_fraction": 1.0}, {"train_fraction": 0.0}, {"tested": [0.5]}, {"tested": []}]
+)
+def test_extrapolate_refuses_fractions_that_leave_nothing(fields: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        make("extrapolate", **fields)
+
+
+def test_snapshots_holds_out_whole_pressures_and_keeps_the_ends() -> None:
+    seen = make("snapshots", train_snapshots=9).seen(KPA)
+    assert seen.sum() == 9 and seen[0] and seen[-1]
+
+
+@pytest.mark.parametrize("count", [1, 100])
+def test_snapshots_refuses_to_hold_out_none_or_interpolate_from_one(count: int) -> None:
+    with pytest.raises(InputError, match="train_snapshots"):
+        make("snapshots", train_snapshots=count).seen(KPA)
