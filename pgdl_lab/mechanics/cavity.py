@@ -50,7 +50,7 @@ class Cavity:
         import skfem
 
         walls = skfem.FacetBasis(basis.mesh, basis.elem, facets="cavity", intorder=5)
-        value = np.stack([np.broadcast_to(phi.value, walls.dx.shape) for (phi,) in walls.basis], axis=1)  # (W, all, Q)
+        value = np.stack([np.broadcast_to(phi, walls.dx.shape) for (phi,) in walls.basis], axis=1)  # (W, all, Q)
         gradient = np.stack([phi.grad for (phi,) in walls.basis], axis=1)  # (3, all, W, Q)
         normal = np.asarray(walls.normals)
         least = np.eye(3)[np.abs(normal[:, :, 0]).argmin(axis=0)].T[:, :, None]

@@ -80,7 +80,7 @@ def discretise(mesh: "MeshHex", kind: ElementKind) -> Discretisation:
         positions=np.ascontiguousarray(basis.doflocs.T),
         gradients=np.ascontiguousarray(gradients.transpose(2, 0, 1, 3)),
         weights=np.ascontiguousarray(basis.dx),
-        modes=pressure_modes(basis.global_coordinates().value, basis.dx, kind.pressure_modes),
+        modes=pressure_modes(np.asarray(basis.global_coordinates()), basis.dx, kind.pressure_modes),
     )
 
 

@@ -87,6 +87,6 @@ class Equilibrium:
 
 def nodal_volumes(mesh: Discretisation) -> Array:
     """Integral of each shape function over the undeformed body (N,) [mm³]."""
-    value = np.stack([np.broadcast_to(phi.value, mesh.weights.shape) for (phi,) in mesh.basis.basis], axis=1)
+    value = np.stack([np.broadcast_to(phi, mesh.weights.shape) for (phi,) in mesh.basis.basis], axis=1)
     volumes = np.einsum("eaq,eq->ea", value, mesh.weights)
-    return np.bincount(mesh.nodes.ravel(), volumes.ravel(), len(mesh.positions))
+    return np.bincount(mesh.nodes.ravel(), volumes.ravel(), len(mesh.positions)).astype(np.float64)

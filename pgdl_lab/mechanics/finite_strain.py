@@ -17,7 +17,7 @@ from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
 from pgdl_lab.mechanics.newton import Solution, solve
 from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.solid import Solid
-from pgdl_lab.mechanics.vtk import vtk_order
+from pgdl_lab.mechanics.vtk import vtk_cells
 
 Array = NDArray[np.float64]
 
@@ -151,8 +151,8 @@ class Model:
                     settled = follow(weigh, resting, 1.0, FIRST_WEIGHT, lambda w: show(0.0, f"{w:4.0%} of the weight"))
                 except PathEnded as end:
                     raise LabError(
-                        f"The finger bears only {end.branch.parameters[-1]:.0%} of its own weight "
-                        "(finger.density_kg_m3, finger.gravity_m_s2): check their units, or refine the mesh (fem.edge_mm)."
+                        f"The finger bears only {end.branch.parameters[-1]:.0%} of its weight: check the units of "
+                        "finger.density_kg_m3 and finger.gravity_m_s2, or refine the mesh (fem.edge_mm)."
                     ) from None
                 resting, weighing = settled.displacements[-1], settled.iterations
             complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
@@ -181,8 +181,8 @@ class Model:
 
     def cells(self) -> tuple[Array, NDArray[np.int64], str]:
         """Undeformed nodes (M, 3) [mm], elements (E, A) in the order of VTK and the name of their type."""
-        name, order = vtk_order(self.discretisation.basis.elem)
-        return self.discretisation.positions, self.discretisation.nodes[:, order], name
+        name, cells = vtk_cells(self.discretisation)
+        return self.discretisation.positions, cells, name
 
 
 @contextmanager

@@ -70,9 +70,14 @@ class Branch:
         near = slice(first, first + nodes)
         return hermite(self.parameters[near], self.displacements[near], self.slopes[near], parameter)
 
-    def doubt(self, parameter: float) -> float:
-        """Estimated interpolation error at `parameter` [mm]: how far one equilibrium fewer would move the result."""
-        return float(np.abs(self.at(parameter) - self.at(parameter, NODES - 1)).max())
+    def doubt(self, start: float, stop: float) -> float:
+        """Estimated interpolation error between two neighbouring equilibria [mm].
+
+        How far one equilibrium fewer would move the result, in the middle and on both sides of it: at a kink, one place
+        alone may agree by chance.
+        """
+        places = start + np.array([0.2, 0.5, 0.8]) * (stop - start)
+        return max(float(np.abs(self.at(x) - self.at(x, NODES - 1)).max()) for x in places)
 
 
 class PathEnded(Exception):
@@ -119,22 +124,21 @@ def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Calla
 
 
 def refine(leg: Leg, branch: Branch, tolerance_mm: float) -> float:
-    """Add equilibria where the interpolation error may exceed `tolerance_mm` [mm]; return the largest estimate left.
+    """Add equilibria until the estimated interpolation error is within `tolerance_mm` [mm]; return the largest estimate.
 
-    An equilibrium solved for in the middle of an interval measures the error there; if it is within the tolerance, the
-    interval is left.
+    An interval whose middle has no equilibrium that Newton's method finds is left as it is, and its estimate counts.
     """
     worst = 0.0
     intervals = list(zip(branch.parameters[:-1], branch.parameters[1:], strict=True))
     while intervals:
         start, stop = intervals.pop()
-        middle = (start + stop) / 2
-        error = branch.doubt(middle)
-        if error > tolerance_mm:
-            guess = branch.at(middle)
-            branch.add(leg, guess, middle)
-            error = float(np.abs(branch.at(middle) - guess).max())
-            if error > tolerance_mm:
+        middle, error = (start + stop) / 2, branch.doubt(start, stop)
+        if error > tolerance_mm and stop - start > SMALLEST_STEP * branch.parameters[-1]:
+            try:
+                branch.add(leg, branch.at(middle), middle)
+            except NoConvergence:
+                pass
+            else:
                 intervals += [(start, middle), (middle, stop)]
                 continue
         worst = max(worst, error)

@@ -1,0 +1,93 @@
+"""The whole solid: Newton's method, the reference finger, and snapshots against equilibria solved for one by one."""
+
+import numpy as np
+import pytest
+
+from pgdl_lab.errors import LabError
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.linear import SuperLU
+from pgdl_lab.mechanics.newton import NoConvergence, solve
+from tests.fingers import balloon, pneunet
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(pneunet(), 6.0, "hex27_p1")
+
+
+def test_tangent_against_differences(model: Model) -> None:
+    """The whole stiffness, load stiffness included, is the derivative of the residual, and that of the energy."""
+    import scipy.sparse as sp
+
+    free, random, step, load = model.equilibrium.free, np.random.default_rng(0), 1e-6, Load(1.0, 0.03)
+    at, direction = 0.02 * random.normal(size=free.shape) * free, random.normal(size=free.shape) * free
+    here = model.equilibrium.balance(at, load, stiffness=True)
+    above, below = (model.equilibrium.balance(at + s * direction, load, stiffness=False) for s in (step, -step))
+    change = (above.forces - below.forces)[free] / (2 * step)
+    assert here.stiffness is not None
+    stiffness = here.stiffness + sp.triu(here.stiffness, 1).T
+    np.testing.assert_allclose(stiffness @ direction[free], change, atol=1e-8 * np.abs(change).max())
+    slope = (above.energy - below.energy) / (2 * step)
+    assert slope == pytest.approx(float((here.forces * direction).sum()), rel=1e-6)
+
+
+def test_newton_converges_quadratically_and_both_solvers_agree(model: Model) -> None:
+    rest, load = np.zeros(model.equilibrium.free.shape), Load(1.0, 0.005)
+    loose, closer = (solve(model.equilibrium, model.solver, rest, load, tolerance) for tolerance in (1e-2, 1e-4))
+    tight = solve(model.equilibrium, SuperLU(), rest, load, 1e-10)
+    assert np.abs(loose.displacement - tight.displacement).max() < 1e-3
+    assert np.abs(closer.displacement - tight.displacement).max() < 1e-7
+    assert tight.iterations <= loose.iterations + 3
+    assert np.abs(model.equilibrium.balance(tight.displacement, load, stiffness=False).forces).max() > 1e-3  # reactions
+    held = ~model.equilibrium.free
+    assert (tight.displacement[held] == 0).all()
+
+
+def test_newton_gives_up_beyond_the_bursting_pressure() -> None:
+    model = Model(balloon(), 6.0, "hex20")
+    with pytest.raises(NoConvergence):
+        solve(model.equilibrium, model.solver, np.zeros(model.equilibrium.free.shape), Load(1.0, 0.3), 1e-6)
+
+
+def test_interpolated_snapshots_against_equilibria(model: Model) -> None:
+    history = model.load(20.0, 1e-8, 1e-5)
+    assert history.complete and history.interpolation_mm <= 1e-5
+    for kpa in np.linspace(0.2, 20, 25):
+        exact = solve(model.equilibrium, model.solver, history.at(kpa), Load(1.0, 1e-3 * kpa), 1e-8).displacement
+        assert np.abs(history.at(kpa) - exact).max() <= 1e-5
+
+
+def test_support_bears_weight_and_pressure(model: Model) -> None:
+    history = model.load(20.0, 1e-8, 1e-3)
+    reaction, outer = model.reaction_and_load_n(history.branch.displacements[-1], 20.0)
+    np.testing.assert_allclose(reaction[[0, 2]], -outer[[0, 2]], atol=1e-9)
+    assert outer[2] == pytest.approx(-1130e-12 * 9810 * model.discretisation.weights.sum(), rel=1e-6)
+
+
+def test_weight_that_cannot_be_borne_is_named() -> None:
+    with pytest.raises(LabError, match="bears only .*% of its weight"):
+        Model(pneunet(gravity_m_s2=[-9.81, 0.0], density_kg_m3=1e9), 6.0, "hex20").load(20.0, 1e-6, 1e-3)
+
+
+def test_reference_finger_against_calculix() -> None:
+    """R0 at 30 kPa with 20-node elements of 3 mm: extremes of CalculiX 2.20 (C3D20R) on the same mesh [mm], within 0.5 %."""
+    model = Model(pneunet(chambers=10, max_kpa=30.0), 3.0, "hex20")
+    history = model.load(30.0, 1e-6, 1e-3)
+    weight_only, full = history.at(0.0), history.at(30.0)
+    assert weight_only[:, 2].min() == pytest.approx(-67.77, rel=5e-4)
+    assert full[:, 0].min() == pytest.approx(-52.011, rel=5e-3)
+    assert full[:, 0].max() == pytest.approx(7.768, rel=5e-3)
+    assert full[:, 2].min() == pytest.approx(-95.121, rel=5e-3)
+    assert full[:, 2].max() == pytest.approx(0.624, rel=5e-3)
+
+
+@pytest.mark.parametrize(("element", "sag_mm"), [("hex20", -83.6), ("hex27", -79.7), ("hex27_p1", -92.4)])
+def test_linear_sag_of_the_reference_finger(element: str, sag_mm: float) -> None:
+    """Deflection of the tip per unit of gravity in a linear solve with one element across each wall."""
+    model = Model(pneunet(chambers=10), 3.0, element)
+    rest = np.zeros(model.equilibrium.free.shape)
+    balance = model.equilibrium.balance(rest, Load(1.0, 0.0), stiffness=True)
+    model.solver.factorise(balance.stiffness)
+    rest[model.equilibrium.free] = -model.solver.solve(balance.forces[model.equilibrium.free])
+    assert rest[:, 2].min() == pytest.approx(sag_mm, abs=0.06)

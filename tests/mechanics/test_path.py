@@ -1,0 +1,85 @@
+"""Hermite interpolation and the adaptive load path, on branches known in closed form."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pgdl_lab.mechanics.hermite import hermite
+from pgdl_lab.mechanics.newton import NoConvergence, Solution
+from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
+
+Array = NDArray[np.float64]
+
+
+def test_hermite_is_exact_for_its_degree() -> None:
+    polynomial = np.polynomial.Polynomial([1, -2, 3, 0.5, -1, 0.25, 2, -0.7])  # degree 7 = 2 · 4 − 1
+    nodes = [0.0, 0.7, 1.1, 2.0]
+    values, slopes = ([np.array([f(x)]) for x in nodes] for f in (polynomial, polynomial.deriv()))
+    for at in (-0.3, 0.35, 1.5, 2.6):
+        assert hermite(nodes, values, slopes, at)[0] == pytest.approx(polynomial(at), rel=1e-10)
+
+
+@dataclass
+class ClosedForm:
+    """A leg whose equilibria are an arc of radius 50 mm; Newton's method fails where the guess is worse than `reach_mm`."""
+
+    reach_mm: float = 10.0
+    ends: float = np.inf
+    kink: float = np.inf
+    solved: list[float] = field(default_factory=list)
+
+    def exact(self, x: float) -> Array:
+        return 50 * np.array([[np.sin(x / 20), 0.0, np.cos(x / 20)]]) + 0.1 * max(0.0, x - self.kink)
+
+    def solve(self, start: Array, parameter: float) -> Solution:
+        if parameter > self.ends or np.abs(start - self.exact(parameter)).max() > self.reach_mm:
+            raise NoConvergence
+        self.solved.append(parameter)
+        return Solution(self.exact(parameter), 3)
+
+    def slope(self, displacement: Array, parameter: float) -> Array:
+        return (self.exact(parameter + 1e-6) - self.exact(parameter - 1e-6)) / 2e-6
+
+
+def worst_error(leg: ClosedForm, branch: Branch) -> float:
+    return max(float(np.abs(branch.at(x) - leg.exact(x)).max()) for x in np.linspace(0, 50, 501))
+
+
+def test_smooth_branch_needs_few_equilibria() -> None:
+    leg, told = ClosedForm(), []
+    branch = follow(leg, leg.exact(0), 50.0, 1.0, told.append)
+    assert branch.parameters[0] == 0 and branch.parameters[-1] == 50
+    assert branch.parameters == sorted(branch.parameters) and told[-1] == 50
+    estimate = refine(leg, branch, 1e-5)
+    assert len(branch.parameters) < 20
+    assert branch.iterations == 3 * len(branch.parameters)
+    assert worst_error(leg, branch) <= 1e-5
+    assert estimate <= 1e-5
+
+
+def test_step_is_cut_where_newton_fails() -> None:
+    leg = ClosedForm(reach_mm=0.05)
+    branch = follow(leg, leg.exact(0), 50.0, 25.0, lambda _: None)
+    assert branch.parameters[-1] == 50
+    assert branch.parameters[1] < 25
+
+
+def test_equilibria_gather_at_a_kink() -> None:
+    leg = ClosedForm(kink=31.4)
+    branch = follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
+    before = len(branch.parameters)
+    estimate = refine(leg, branch, 1e-4)
+    added = len(branch.parameters) - before
+    assert added > 5
+    assert np.median(np.abs(np.array(leg.solved[-added:]) - 31.4)) < 2
+    assert worst_error(leg, branch) < 1e-3
+    assert estimate < 1e-3  # the kink itself lies in an interval of the smallest step
+
+
+def test_end_of_the_branch_keeps_what_was_found() -> None:
+    leg = ClosedForm(ends=33.3)
+    with pytest.raises(PathEnded) as caught:
+        follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
+    assert caught.value.branch.parameters[-1] == pytest.approx(33.3, abs=0.02)

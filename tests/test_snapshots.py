@@ -1,0 +1,233 @@
+"""The snapshot file and the cache: kept whole, recognised when not, computed once."""
+
+import multiprocessing
+import os
+import shutil
+import signal
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from pgdl_lab.cache import simulate, snapshot_path
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.fem import Fem, SimulationStopped
+from pgdl_lab.finger import Finger
+from pgdl_lab.snapshots import Body, DamagedSnapshots, Observation, Snapshots
+from tests.fingers import OBSERVATION, balloon, pneunet, solid
+
+
+def small() -> Snapshots:
+    random = np.random.default_rng(0)
+    return Snapshots(
+        points=random.normal(size=(5, 2)),
+        triangles=np.array([[0, 1, 2], [2, 3, 4]]),
+        base=np.array([0, 1]),
+        clamp=np.array([0]),
+        pressures_kpa=np.array([1.0, 2.0, 3.0]),
+        displacements=random.normal(size=(3, 5, 2)),
+        body=Body(
+            positions=random.normal(size=(8, 3)),
+            cells=np.arange(8)[None],
+            cell_type="hexahedron",
+            pressures_kpa=np.array([0.0, 3.0]),
+            displacements=random.normal(size=(2, 8, 3)),
+        ),
+        provenance={"finger": {"name": "pneunet", "gap_mm": 1.0}, "versions": {"numpy": "2"}},
+    )
+
+
+def assert_equal(one: Snapshots, other: Snapshots) -> None:
+    for name in ("points", "triangles", "base", "clamp", "pressures_kpa", "displacements"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one.provenance == other.provenance
+
+
+def test_file_gives_back_what_was_written(tmp_path: Path) -> None:
+    written = small()
+    written.save(tmp_path / "a.h5")
+    read = Snapshots.load(tmp_path / "a.h5")
+    assert_equal(read, written)
+    assert read.body is not None and written.body is not None
+    assert read.body.cell_type == "hexahedron"
+    np.testing.assert_array_equal(read.body.displacements, written.body.displacements)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_no_body(tmp_path: Path) -> None:
+    replace(small(), body=None).save(tmp_path / "a.h5")
+    assert Snapshots.load(tmp_path / "a.h5").body is None
+
+
+@pytest.mark.parametrize("kept", [0, 100, 2000, -1])
+def test_truncated_file_is_recognised(tmp_path: Path, kept: int) -> None:
+    small().save(tmp_path / "a.h5")
+    whole = (tmp_path / "a.h5").read_bytes()
+    (tmp_path / "a.h5").write_bytes(whole[:kept])
+    with pytest.raises(DamagedSnapshots, match=r"a\.h5"):
+        Snapshots.load(tmp_path / "a.h5")
+
+
+def test_altered_number_is_recognised(tmp_path: Path) -> None:
+    written = small()
+    written.save(tmp_path / "a.h5")
+    content = (tmp_path / "a.h5").read_bytes()
+    number = written.displacements[1, 2, 0].tobytes()
+    assert content.count(number) == 1
+    (tmp_path / "a.h5").write_bytes(content.replace(number, np.float64(7.0).tobytes()))
+    with pytest.raises(DamagedSnapshots):
+        Snapshots.load(tmp_path / "a.h5")
+
+
+def test_foreign_files_are_recognised(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["points"] = np.zeros(3)
+    with pytest.raises(DamagedSnapshots, match="does not hold snapshots of pgdl_lab"):
+        Snapshots.load(tmp_path / "a.h5")
+    (tmp_path / "b.h5").write_text("x,z,p\n1,2,3\n")
+    with pytest.raises(DamagedSnapshots, match="no readable snapshot file"):
+        Snapshots.load(tmp_path / "b.h5")
+
+
+def test_other_version_is_named(tmp_path: Path) -> None:
+    small().save(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file.attrs["version"] = 99
+    with pytest.raises(DamagedSnapshots, match="version 99 of the format, but this is version 1"):
+        Snapshots.load(tmp_path / "a.h5")
+
+
+def test_arrays_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    replace(small(), displacements=np.zeros((2, 5, 2))).save(tmp_path / "a.h5")
+    with pytest.raises(DamagedSnapshots, match="do not fit together"):
+        Snapshots.load(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(("field", "value"), [("snapshots", 0), ("points", 3)])
+def test_observation_refuses_nothing_to_see(field: str, value: int) -> None:
+    with pytest.raises(InputError, match=f"observation.{field} is {value}"):
+        Observation(**{field: value})
+
+
+@dataclass(frozen=True)
+class Counting(Fem):
+    """Notes each simulation in a file, and takes its time."""
+
+    name = "counting"
+    notes: str = ""
+    seconds: float = 0.0
+
+    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        with Path(self.notes).open("a") as file:
+            file.write(f"{os.getpid()}\n")
+        time.sleep(self.seconds)
+        return small()
+
+
+def test_second_call_reads_the_cache(tmp_path: Path) -> None:
+    fem = Counting(notes=str(tmp_path / "notes"))
+    first, path, cached = simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+    again, same_path, cached_again = simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+    assert (cached, cached_again) == (False, True)
+    assert path == same_path and path.name.startswith("pneunet-counting-")
+    assert_equal(first, again)
+    assert len((tmp_path / "notes").read_text().split()) == 1
+
+
+def test_everything_that_determines_a_simulation_is_in_its_name(tmp_path: Path) -> None:
+    fem, finger = Counting(), pneunet()
+    paths = {
+        snapshot_path(tmp_path, finger, fem, OBSERVATION),
+        snapshot_path(tmp_path, pneunet(gap_mm=1.1), fem, OBSERVATION),
+        snapshot_path(tmp_path, replace(finger, material=replace(finger.material, poisson=0.48)), fem, OBSERVATION),
+        snapshot_path(tmp_path, finger, replace(fem, seconds=1.0), OBSERVATION),
+        snapshot_path(tmp_path, finger, fem, replace(OBSERVATION, points=900)),
+    }
+    assert len(paths) == 5
+
+
+def test_edited_code_does_not_meet_old_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pgdl_lab import mechanics
+
+    before = snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION)
+    edited = tmp_path / "mechanics"
+    shutil.copytree(Path(mechanics.__file__).parent, edited)
+    monkeypatch.setattr(mechanics, "__path__", [str(edited)])
+    assert snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION) == before
+    with (edited / "material.py").open("a") as file:
+        file.write("# edited\n")
+    assert snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION) != before
+
+
+def test_damaged_cache_is_set_aside_and_computed_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    fem = Counting(notes=str(tmp_path / "notes"))
+    _, path, _ = simulate(pneunet(), fem, OBSERVATION, tmp_path)
+    path.write_bytes(path.read_bytes()[:500])
+    snapshots, _, cached = simulate(pneunet(), fem, OBSERVATION, tmp_path)
+    assert not cached
+    assert_equal(snapshots, small())
+    assert path.with_suffix(".damaged").stat().st_size == 500
+    assert path.name in caplog.text and "run again" in caplog.text
+
+
+def _simulate_in(folder: str, notes: str, seconds: float) -> None:
+    simulate(pneunet(), Counting(notes=notes, seconds=seconds), OBSERVATION, Path(folder))
+
+
+def test_parallel_runs_compute_a_scene_once(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    arguments = (str(tmp_path / "cache"), str(tmp_path / "notes"), 1.0)
+    processes = [context.Process(target=_simulate_in, args=arguments) for _ in range(3)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    assert [process.exitcode for process in processes] == [0, 0, 0]
+    assert len((tmp_path / "notes").read_text().split()) == 1
+
+
+def test_killed_simulation_leaves_nothing_and_blocks_nobody(tmp_path: Path) -> None:
+    notes = tmp_path / "notes"
+    context = multiprocessing.get_context("spawn")
+    process = context.Process(target=_simulate_in, args=(str(tmp_path / "cache"), str(notes), 60.0))
+    process.start()
+    deadline = time.monotonic() + 30
+    while not notes.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert process.pid is not None
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
+    fem = Counting(notes=str(notes), seconds=60.0)
+    assert not snapshot_path(tmp_path / "cache", pneunet(), fem, OBSERVATION).exists()
+    _, _, cached = simulate(pneunet(), replace(fem, seconds=0.0), OBSERVATION, tmp_path / "cache")
+    assert not cached
+
+
+def test_burst_keeps_what_converged(tmp_path: Path) -> None:
+    with pytest.raises(
+        SimulationStopped, match=r"equilibrium up to \d+.* kPa, but not at finger.max_kpa=300"
+    ) as caught:
+        simulate(balloon(), solid(), OBSERVATION, tmp_path)
+    (kept,) = tmp_path.glob("*-stopped.h5")
+    assert str(kept) in str(caught.value)
+    snapshots = Snapshots.load(kept)
+    assert 0 < len(snapshots.pressures_kpa) < OBSERVATION.snapshots
+    assert snapshots.pressures_kpa[-1] <= 300
+    assert not snapshot_path(tmp_path, balloon(), solid(), OBSERVATION).exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root can write everywhere")
+def test_unwritable_cache(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(LabError, match="cannot be written"):
+        simulate(pneunet(), Counting(), OBSERVATION, tmp_path / "cache")
+
+
+def test_cache_folder_that_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / "cache").write_text("")
+    with pytest.raises(LabError, match="cannot be written"):
+        simulate(pneunet(), Counting(), OBSERVATION, tmp_path / "cache")
