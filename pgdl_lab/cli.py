@@ -43,7 +43,7 @@ def main() -> None:
         hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(job)()
         status = "FINISHED"
     except KeyboardInterrupt:
-        problem = "stopped by the user"
+        sys.exit(128 + signal.SIGINT)
     except Exception as error:
         status = "FAILED"
         problem = sentence(error)
@@ -72,6 +72,9 @@ def job(config: DictConfig) -> float | None:
         link_latest(folder)
         result: float | None = importlib.import_module(f"pgdl_lab.tasks.{config.task}").run(work)
         return result
+    except (KeyboardInterrupt, SystemExit):  # Lightning makes the latter of the former
+        print(f"\npgdl-lab: stopped; resume={folder} goes on with it", file=sys.stderr)
+        raise
     except Exception as error:
         problem = sentence(error)
         _tracebacks.exception(problem)

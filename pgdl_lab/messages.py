@@ -42,7 +42,9 @@ def _chain(error: BaseException) -> Iterator[BaseException]:
 
 def _unknown_key(error: ConfigKeyError | ConfigAttributeError) -> str:
     name = str(error.key)
-    known = [str(key) for key in error.parent_node if key != "hydra"] if isinstance(error.parent_node, DictConfig) else []
+    known = (
+        [str(key) for key in error.parent_node if key != "hydra"] if isinstance(error.parent_node, DictConfig) else []
+    )
     place = str(error.full_key or name).rpartition(".")[0]
     if place == "loss" and name in names("loss"):
         return f"The loss '{name}' is not chosen: type loss=[{','.join([*known, name])}] too."

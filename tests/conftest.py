@@ -20,6 +20,11 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 Lab = Callable[..., subprocess.CompletedProcess[str]]
 
 
+def environment(root: Path) -> dict[str, str]:
+    """Environment of a process with a root of its own, which finds this package and `tests`."""
+    return {**os.environ, "PGDL_LAB_ROOT": str(root), "OMP_NUM_THREADS": "1", "PYTHONPATH": str(CHECKOUT)}
+
+
 @pytest.fixture(scope="session")
 def migrated_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An empty MLflow database; making the tables takes seconds, so tests copy it."""
@@ -47,13 +52,9 @@ def lab(tmp_path: Path) -> Lab:
     """Run `python -m pgdl_lab` with the given arguments in a process and a root of its own."""
 
     def run(*args: str) -> subprocess.CompletedProcess[str]:
-        environment = {
-            **os.environ,
-            "PGDL_LAB_ROOT": str(tmp_path),
-            "OMP_NUM_THREADS": "1",
-            "PYTHONPATH": str(CHECKOUT),
-        }
         command = [sys.executable, "-m", "pgdl_lab", *args]
-        return subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, env=environment(tmp_path), cwd=tmp_path, capture_output=True, text=True, check=False
+        )
 
     return run

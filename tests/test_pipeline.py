@@ -1,7 +1,6 @@
 """The whole way of the data, with made-up snapshots in place of a simulation."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from mlflow.entities import Run
 
 import pgdl_lab
 from pgdl_lab.tracking import RUN_ID
-from tests.conftest import CHECKOUT, Lab
+from tests.conftest import Lab, environment
 
 FEM = '''
 import time
@@ -106,15 +105,9 @@ def test_a_split_that_cannot_be_made_is_refused_before_the_simulation(lab: Lab, 
 
 
 def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> None:
-    environment = {**os.environ, "PGDL_LAB_ROOT": str(tmp_path), "OMP_NUM_THREADS": "1", "PYTHONPATH": str(CHECKOUT)}
-    budget = [
-        "trainer.max_epochs=100000",
-        "trainer.max_time=4",
-        "trainer.checkpoint_every_s=0",
-        "trainer.log_every_s=0",
-    ]
-    command = [sys.executable, "-m", "pgdl_lab", *SMALL, *budget]
-    process = subprocess.Popen(command, env=environment, cwd=tmp_path, stdout=subprocess.DEVNULL)
+    endless = ["trainer.max_epochs=100000", "trainer.checkpoint_every_s=0", "trainer.log_every_s=0"]
+    command = [sys.executable, "-m", "pgdl_lab", *SMALL, *endless, "trainer.max_time=4"]
+    process = subprocess.Popen(command, env=environment(tmp_path), cwd=tmp_path, stdout=subprocess.DEVNULL)
     latest = tmp_path / "runs" / "latest"
     while not (latest / "checkpoints" / "last.ckpt").exists():
         assert process.poll() is None, "the training ended before it could be killed"

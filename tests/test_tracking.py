@@ -1,5 +1,4 @@
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +11,7 @@ from mlflow.entities import Run
 from pgdl_lab import tracking
 from pgdl_lab.errors import LabError
 from pgdl_lab.snapshots import Snapshots
+from tests.conftest import environment
 
 CONFIG = """
 finger: {name: pneunet, material: {c1_mpa: 0.11}, gravity_m_s2: [0.0, -9.81]}
@@ -153,9 +153,10 @@ with tracking.tracked_run(sweep / job, sweep) as run:
 def test_processes_that_start_together_share_a_fresh_database(tmp_path: Path) -> None:
     sweep = tmp_path / "runs" / "sweep"
     jobs = ["0", "1", "2"]
-    environment = {**os.environ, "PGDL_LAB_ROOT": str(tmp_path), "OMP_NUM_THREADS": "1"}
     processes = [
-        subprocess.Popen([sys.executable, "-c", JOB, str(sweep), new_folder(sweep, job).name], env=environment)
+        subprocess.Popen(
+            [sys.executable, "-c", JOB, str(sweep), new_folder(sweep, job).name], env=environment(tmp_path)
+        )
         for job in jobs
     ]
     assert [process.wait() for process in processes] == [0, 0, 0]
