@@ -124,7 +124,7 @@ def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Calla
 
 
 def refine(leg: Leg, branch: Branch, tolerance_mm: float) -> float:
-    """Add equilibria until the estimated interpolation error is within `tolerance_mm` [mm]; return the largest estimate.
+    """Add equilibria until the estimated interpolation error is within `tolerance_mm` [mm]; return the largest left.
 
     An interval whose middle has no equilibrium that Newton's method finds is left as it is, and its estimate counts.
     """

@@ -16,7 +16,7 @@ NODES = np.array(
 
 
 def vtk_cells(mesh: Discretisation) -> tuple[str, NDArray[np.int64]]:
-    """Name in meshio of the hexahedra of `mesh`, 20 or 27 nodes each, and their node numbers (E, A) in the order of VTK."""
+    """Name in meshio of the hexahedra of `mesh` (20 or 27 nodes), and their node numbers (E, A) in the order of VTK."""
     local = np.rint(2 * mesh.basis.elem.doflocs).astype(int)
     wanted = NODES[: len(local)]
 

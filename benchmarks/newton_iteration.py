@@ -1,0 +1,130 @@
+"""Time of one Newton iteration, split into its parts, beside scikit-fem's general assembly of the same matrix.
+
+    python benchmarks/newton_iteration.py
+
+The finger is `pneunet` with elements of 3 mm at a bent state. Each figure is the median of repeated runs in this one
+process; the matrices of both assemblies are compared before any time is reported. `search` is one trial of the line
+search: energy and forces alone.
+"""
+
+import time
+from collections.abc import Callable
+from statistics import median
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from skfem.helpers import ddot
+
+from pgdl_lab import registry
+from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.elements import ELEMENTS
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finite_strain import Model
+
+LOAD = Load(1.0, 0.0)
+
+
+def seconds(work: Callable[[], object], repeats: int) -> float:
+    """Median wall time of `work` [s], after one call that is not counted."""
+    work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return median(times)
+
+
+def general_assembly(
+    model: Model, element: str, finger: Finger, displacement: NDArray[np.float64]
+) -> tuple[Callable[[], sp.csr_matrix], NDArray[np.int64]]:
+    """The stiffness of the solid by scikit-fem's forms: a fourth-order tensor per quadrature point, then one form.
+
+    Returns
+    -------
+    assemble
+        Function that assembles the matrix at `displacement` (N, 3) [mm].
+    order
+        Its row for each of our degrees of freedom.
+    """
+    kind = ELEMENTS[element]
+    basis = skfem.Basis(model.mesh, skfem.ElementVector(getattr(skfem, kind.shape)()), intorder=kind.quadrature_order)
+    order = np.empty(basis.N, dtype=np.int64)
+    scalar = model.discretisation.nodes.T
+    for component in range(3):
+        order[3 * scalar + component] = basis.element_dofs[component::3]
+    vector = np.empty(basis.N)
+    vector[order] = displacement.ravel()
+    material, identity = finger.material, np.eye(3)[:, :, None, None]
+
+    @skfem.BilinearForm
+    def stiffness(u, v, w):  # type: ignore[no-untyped-def]
+        return ddot(np.einsum("ijkl...,kl...->ij...", w["tangent"], u.grad), v.grad)
+
+    def assemble() -> sp.csr_matrix:
+        f = np.asarray(basis.interpolate(vector).grad) + identity
+        inverse = np.linalg.inv(f.transpose(2, 3, 0, 1)).transpose(2, 3, 0, 1)
+        h, j = inverse.transpose(1, 0, 2, 3), np.linalg.det(f.transpose(2, 3, 0, 1))
+        shrink = j ** (-2 / 3)
+        invariant = shrink * np.einsum("ij...,ij...->...", f, f)
+        first, second = material.derivatives(invariant)
+        along = 2 * shrink * f - 2 / 3 * invariant * h  # derivative of the invariant
+        pressure = material.bulk_modulus_mpa * (j - 1)
+
+        def outer(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.einsum("ij...,kl...->ijkl...", a, b)
+
+        exchanged = np.einsum("il...,kj...->ijkl...", h, h)
+        tangent = (
+            2 * shrink * first * np.einsum("ik,jl->ijkl", np.eye(3), np.eye(3))[..., None, None]
+            - 4 / 3 * shrink * first * (outer(f, h) + outer(h, f))
+            + (4 / 9 * invariant * first + pressure * j + material.bulk_modulus_mpa * j**2) * outer(h, h)
+            + (2 / 3 * invariant * first - pressure * j) * exchanged
+            + second * outer(along, along)
+        )
+        matrix: sp.csr_matrix = stiffness.assemble(basis, tangent=tangent)
+        return matrix
+
+    return assemble, order
+
+
+def main() -> None:
+    """Print the table."""
+    registry.discover()
+    finger: Finger = registry.plugin("finger", "pneunet")()
+    table = Table(title="One Newton iteration of pneunet, elements of 3 mm, median milliseconds")
+    for column in ("element", "unknowns", "assembly", "factors", "solution", "search", "skfem forms", "ratio"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for element in ("hex20", "hex27", "hex27_p1"):
+        model = Model(finger, 3.0, element)
+        equilibrium, solver = model.equilibrium, model.solver
+        angle = 0.5 * model.discretisation.positions[:, [0]] / 114
+        bent = np.hstack([-10 * angle**2, 0 * angle, -30 * angle**2]) * equilibrium.free
+        balance = equilibrium.balance(bent, LOAD, stiffness=True)
+        assert balance.stiffness is not None
+        ours = seconds(lambda: equilibrium.balance(bent, LOAD, stiffness=True), 15)
+        factorisation = seconds(lambda: solver.factorise(balance.stiffness), 15)
+        solution = seconds(lambda: solver.solve(balance.forces[equilibrium.free]), 15)
+        search = seconds(lambda: equilibrium.balance(bent, LOAD, stiffness=False), 15)
+        general = float("nan")
+        if ELEMENTS[element].pressure_modes is None:
+            assemble, order = general_assembly(model, element, finger, bent)
+            free = order[equilibrium.free.ravel()]
+            theirs = assemble()[free][:, free]
+            mine = balance.stiffness + sp.triu(balance.stiffness, 1).T
+            difference = np.abs(theirs - mine).max() / np.abs(mine).max()
+            assert difference < 1e-10, f"the two assemblies differ by {difference:.1e}"
+            general = seconds(assemble, 3)
+        times = [f"{1e3 * value:.1f}" for value in (ours, factorisation, solution, search)]
+        peer = ["–", "–"] if np.isnan(general) else [f"{1e3 * general:.0f}", f"{general / ours:.0f}×"]
+        table.add_row(element, f"{equilibrium.free.sum():,}", *times, *peer)
+        solver.close()
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
