@@ -135,10 +135,10 @@ def test_a_failure_is_one_line_and_its_traceback_is_in_the_log(
     assert "Traceback" in (tmp_path / "runs" / "latest" / "run.log").read_text()
 
 
-def test_an_interrupt_is_told(lab: Lab, quick: Path) -> None:
+def test_an_interrupt_is_told(lab: Lab, tmp_path: Path, quick: Path) -> None:
     done = lab("task=simulate", "fem=quick", "fem.failure=interrupt")
-    assert done.returncode == 1
-    assert done.stderr == "pgdl-lab: stopped by the user\n"
+    assert done.returncode == 130
+    assert done.stderr == f"\npgdl-lab: stopped; resume={(tmp_path / 'runs' / 'latest').resolve()} goes on with it\n"
 
 
 def test_the_other_jobs_of_a_multirun_still_run(lab: Lab, tmp_path: Path, quick: Path) -> None:
