@@ -45,7 +45,7 @@ def test_derivatives_against_differences(mesh: Discretisation) -> None:
 
 
 def test_load_is_pressure_times_normal(mesh: Discretisation) -> None:
-    """The work on any field that keeps the plane of symmetry is that of a follower pressure, −∫ v · n da out of the solid.
+    """The work on any field that keeps the plane of symmetry is that of a follower pressure, −∫ v · n da.
 
     The classical form integrates the deformed normal over each facet, the code differentiates a volume; they differ by
     terms on the edges of the walls that must cancel, also where the cavity is cut by the plane of symmetry.

@@ -71,7 +71,7 @@ def test_weight_that_cannot_be_borne_is_named() -> None:
 
 
 def test_reference_finger_against_calculix() -> None:
-    """R0 at 30 kPa with 20-node elements of 3 mm: extremes of CalculiX 2.20 (C3D20R) on the same mesh [mm], within 0.5 %."""
+    """20-node elements of 3 mm at 30 kPa: extremes of CalculiX 2.20 (C3D20R) on the same mesh [mm], within 0.5 %."""
     model = Model(pneunet(chambers=10, max_kpa=30.0), 3.0, "hex20")
     history = model.load(30.0, 1e-6, 1e-3)
     weight_only, full = history.at(0.0), history.at(30.0)

@@ -23,7 +23,7 @@ def test_hermite_is_exact_for_its_degree() -> None:
 
 @dataclass
 class ClosedForm:
-    """A leg whose equilibria are an arc of radius 50 mm; Newton's method fails where the guess is worse than `reach_mm`."""
+    """Equilibria on an arc of radius 50 mm; Newton's method fails where the guess is worse than `reach_mm`."""
 
     reach_mm: float = 10.0
     ends: float = np.inf
