@@ -33,10 +33,7 @@ def main() -> None:
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors over; `sentence` words them
     logging.captureWarnings(True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a cluster's stop: leave in order
-    registry.discover()
-    store_schema()
-    for module in pkgutil.iter_modules(pgdl_lab.tasks.__path__):
-        ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
+    store_choices()
     problem: str | None = None
     status = "KILLED"
     try:
@@ -55,6 +52,14 @@ def main() -> None:
             problem = _end_sweep(folder, status) or problem
     if problem is not None:
         sys.exit(f"pgdl-lab: {problem}")
+
+
+def store_choices() -> None:
+    """Put all plugins, settings and tasks into Hydra's ConfigStore."""
+    registry.discover()
+    store_schema()
+    for module in pkgutil.iter_modules(pgdl_lab.tasks.__path__):
+        ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
 
 
 def job(config: DictConfig) -> float | None:

@@ -185,3 +185,16 @@ def test_an_unwritable_runs_folder_is_told_at_once(lab: Lab, tmp_path: Path, blo
     assert done.returncode == 1
     assert re.fullmatch(rf"pgdl-lab: .*{tmp_path / blocked}.*PGDL_LAB_ROOT.*\n", done.stderr)
     assert "Traceback" not in done.stdout
+
+
+def test_a_yaml_file_may_extend_a_plugin(lab: Lab, tmp_path: Path, quick: Path) -> None:
+    (tmp_path / "variants" / "finger").mkdir(parents=True)
+    (tmp_path / "variants" / "finger" / "stout.yaml").write_text("defaults: [pneunet]\nwall_mm: 3.5\n")
+    variant = ["--config-dir", str(tmp_path / "variants"), "finger=stout"]
+    shown = lab(*variant, "--cfg", "job", "-p", "finger").stdout
+    assert "chambers: 10\n" in shown
+    assert "wall_mm: 3.5\n" in shown
+    refused = lab(*variant, "finger.wall_mm=thin")
+    assert "finger.wall_mm: Value 'thin' of type 'str' could not be converted to Float" in refused.stderr
+    lab(*variant, "task=simulate", "fem=quick")
+    assert "finger:\n  name: pneunet\n" in (tmp_path / "runs" / "latest" / "config.yaml").read_text()

@@ -1,0 +1,60 @@
+import threading
+from pathlib import Path
+
+import pytest
+
+from pgdl_lab import folders
+from pgdl_lab.errors import InputError
+
+
+def test_new_folders_differ_even_within_a_second(root: Path) -> None:
+    names = {folders.run_folder(None) for _ in range(50)}
+    assert len(names) == 50
+    assert {Path(name).parent for name in names} == {root / "runs"}
+
+
+def test_a_stored_run_is_found_from_the_root_and_from_elsewhere(
+    root: Path, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    run = root / "runs" / "one"
+    run.mkdir()
+    (run / "config.yaml").touch()
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    folders.link_latest(run)
+    for name in ("runs/one", "runs/latest", str(run)):
+        assert folders.run_folder(name) == str(run)
+
+
+def test_a_folder_without_a_run_is_refused(root: Path) -> None:
+    with pytest.raises(InputError, match="There is no run in 'runs'"):
+        folders.run_folder("runs")
+
+
+def test_an_unwritable_folder_is_refused(root: Path) -> None:
+    (root / "runs").rmdir()
+    (root / "runs").touch()
+    with pytest.raises(InputError, match=r"Nothing can be written to .*/runs .*PGDL_LAB_ROOT"):
+        folders.run_folder(None)
+
+
+def test_the_link_is_never_missing_while_runs_start(root: Path) -> None:
+    runs = [root / "runs" / str(index) for index in range(4)]
+    for run in runs:
+        run.mkdir()
+    latest = root / "runs" / "latest"
+    folders.link_latest(runs[0])
+    seen = []
+
+    def start(run: Path) -> None:
+        for _ in range(50):
+            folders.link_latest(run)
+            seen.append(latest.resolve() in runs)
+
+    threads = [threading.Thread(target=start, args=[run]) for run in runs]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(seen) == 200
+    assert all(seen)
+    assert {path.name for path in (root / "runs").iterdir()} == {"0", "1", "2", "3", "latest"}
