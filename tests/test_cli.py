@@ -68,9 +68,8 @@ def test_help_and_configuration_load_nothing_heavy(option: list[str]) -> None:
 def test_help_names_the_choices(lab: Lab, quick: Path) -> None:
     done = lab("--help")
     assert done.returncode == 0
-    assert "finger: pneunet" in done.stdout
-    assert re.search(r"^fem: .*quick, solid", done.stdout, re.MULTILINE)
-    assert "task: simulate, train" in done.stdout
+    for choices in (r"finger: .*pneunet", r"fem: .*quick, .*solid", r"task: .*simulate, .*train"):
+        assert re.search(f"^{choices}", done.stdout, re.MULTILINE)
     assert "python -m pgdl_lab split=extrapolate" in done.stdout
     assert not (quick.parents[1] / "runs").exists()
 
@@ -87,10 +86,10 @@ def test_configuration_shows_every_value(lab: Lab) -> None:
     ("typed", "answer"),
     [
         ("finger=pneunt", r"There is no finger 'pneunt'\. Did you mean 'pneunet'\? Choices: .*pneunet"),
-        ("loss=[dta]", r"There is no loss 'dta'\. Did you mean 'data'\? Choices: boundary, data, navier_cauchy"),
+        ("loss=[dta]", r"There is no loss 'dta'\. Did you mean 'data'\? Choices: .*data, .*navier_cauchy"),
         ("loss=[data,bondary]", r"There is no loss 'bondary'\. Did you mean 'boundary'\?"),
-        ("task=trian", r"There is no task 'trian'\. Did you mean 'train'\? Choices: simulate, train"),
-        ("experiment=paper", r"There is no experiment 'paper'\. .*Choices: paper_extrapolate, paper_random"),
+        ("task=trian", r"There is no task 'trian'\. Did you mean 'train'\? Choices: .*train"),
+        ("experiment=paper", r"There is no experiment 'paper'\. .*Choices: .*paper_random"),
         ("fingr=pneunet", r"There is no choice or setting 'fingr'\. Did you mean 'finger'\?"),
         ("finger.wal_mm=3", r"There is no finger field 'wal_mm'\. Did you mean 'wall_mm'\? Choices: .*chambers"),
         ("trainer.max_epoch=3", r"There is no trainer field 'max_epoch'\. Did you mean 'max_epochs'\?"),
