@@ -87,6 +87,13 @@ class ExtrudedFinger(Finger):
                 f"({self.width_mm / 2} mm), else there is no cavity."
             )
 
+    def _require_positive(self, *names: str, zero: bool = False) -> None:
+        """Check that the lengths `names` are positive, or `zero` at least; raises InputError."""
+        for name in names:
+            value = getattr(self, name)
+            if not (0 < value < np.inf or (zero and value == 0)):
+                raise InputError(f"finger.{name} is {value} mm; it must {'not be negative' if zero else 'be above 0'}.")
+
     @abstractmethod
     def profile(self) -> Profile:
         """The x–z section through the cavities."""

@@ -1,5 +1,6 @@
 """The x–z section of an extruded finger: a grid of rectangles, each solid, cavity or gap."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -39,6 +40,20 @@ class Profile:
     x: NDArray[np.float64]
     z: NDArray[np.float64]
     regions: NDArray[np.int8]
+
+    @classmethod
+    def from_columns(cls, z: Sequence[float], columns: Sequence[tuple[float, Sequence[Region]]]) -> "Profile":
+        """Put columns side by side, from the clamp to the tip.
+
+        Parameters
+        ----------
+        z
+            (nz + 1,) rising grid lines [mm].
+        columns
+            Length along x [mm] and the nz regions from the bottom up; columns of no length are left out.
+        """
+        lengths, regions = zip(*(column for column in columns if column[0] > 0), strict=True)
+        return cls(np.cumsum([0.0, *lengths]), np.array(z, dtype=np.float64), np.array(regions, dtype=np.int8))
 
     def region(self, x: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.int8]:
         """Regions at points with coordinates `x` and `z` [mm]; outside the grid there is a gap."""

@@ -52,12 +52,9 @@ class Pneunet(ExtrudedFinger):
         super().__post_init__()
         if self.chambers < 1:
             raise InputError(f"finger.chambers is {self.chambers}; a finger has at least 1.")
-        for name in ("chamber_length_mm", "wall_mm", "gap_mm", "height_mm", "channel_mm", "base_mm", "bridge_mm"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InputError(f"finger.{name} is {getattr(self, name)} mm; it must be above 0.")
-        for name in ("root_mm", "tip_mm"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise InputError(f"finger.{name} is {getattr(self, name)} mm; it must not be negative.")
+        lengths = ("chamber_length_mm", "wall_mm", "gap_mm", "height_mm", "channel_mm", "base_mm", "bridge_mm")
+        self._require_positive(*lengths)
+        self._require_positive("root_mm", "tip_mm", zero=True)
         if 2 * self.wall_mm >= self.chamber_length_mm:
             raise InputError(
                 f"finger.wall_mm is {self.wall_mm} mm; two walls must be thinner than the chamber "
@@ -70,31 +67,24 @@ class Pneunet(ExtrudedFinger):
             )
 
     def profile(self) -> Profile:
-        z = np.cumsum([0.0, self.base_mm, self.channel_mm, self.bridge_mm])
-        roof = self.base_mm + self.height_mm
-        cavity_mm = self.chamber_length_mm - 2 * self.wall_mm
         gap, solid, cavity = Region.GAP, Region.SOLID, Region.CAVITY
-        #                    base   channel bridge  chamber roof
+        #             base   channel bridge  chamber roof
         block = [solid, solid, solid, solid, solid]
         chamber = [solid, cavity, cavity, cavity, solid]
         inner_wall = [solid, cavity, solid, solid, solid]
         between = [solid, cavity, solid, gap, gap]
 
-        columns: list[tuple[float, list[Region]]] = [(self.root_mm, block)] if self.root_mm else []
+        cavity_mm = self.chamber_length_mm - 2 * self.wall_mm
+        columns = [(self.root_mm, block)]
         for number in range(self.chambers):
             first, last = number == 0, number == self.chambers - 1
             columns += [
                 (self.wall_mm, block if first else inner_wall),
                 (cavity_mm, chamber),
                 (self.wall_mm, block if last else inner_wall),
+                (0.0 if last else self.gap_mm, between),
             ]
-            if not last:
-                columns.append((self.gap_mm, between))
-        if self.tip_mm:
-            columns.append((self.tip_mm, block))
-        lengths, regions = zip(*columns, strict=True)
-        return Profile(
-            x=np.cumsum([0.0, *lengths]),
-            z=np.array([*z, roof - self.wall_mm, roof]),
-            regions=np.array(regions, dtype=np.int8),
-        )
+        columns.append((self.tip_mm, block))
+        roof = self.base_mm + self.height_mm
+        floors = np.cumsum([0.0, self.base_mm, self.channel_mm, self.bridge_mm])
+        return Profile.from_columns([*floors, roof - self.wall_mm, roof], columns)
