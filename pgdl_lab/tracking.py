@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import time
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -73,7 +74,9 @@ class TrackedRun:
         """Note the dataset that the run was trained on and the file it lies in."""
         from mlflow.data.numpy_dataset import from_numpy
 
-        dataset = from_numpy(snapshots.displacements, source=str(source), name="snapshots")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # MLflow finds two equal readings of a local path
+            dataset = from_numpy(snapshots.displacements, source=str(source), name="snapshots")
         entry = DatasetInput(dataset._to_mlflow_entity(), [InputTag("mlflow.data.context", "training")])
         self._client.log_inputs(self.run_id, [entry])
 
