@@ -17,8 +17,12 @@ from pgdl_lab.learning.triangulation import Triangulation
 # The least-squares start punishes mode m in the k-th Chebyshev polynomial by RIDGE · (λ_m / λ_max)² · GROWTH^k per
 # sample: fast changes along the body and in pressure are taken up only as far as the data ask for them.
 RIDGE = 1e-2
-GROWTH = 16.0
+GROWTH = 256.0
 FLOOR = 1e-6  # keeps the normal matrix regular where the data say nothing
+
+# Coefficients of a smooth function fall off with the degree. Outputs are scaled alike, so that equal steps of the
+# optimiser change high degrees less: they are what runs away when the field is asked for pressures beyond the data.
+DECAY = 0.2
 
 
 class ModalField(Field):
@@ -49,6 +53,7 @@ class ModalField(Field):
     modes: Tensor
     eigenvalues: Tensor
     range_kpa: Tensor
+    decay: Tensor
 
     def __init__(
         self,
@@ -67,6 +72,7 @@ class ModalField(Field):
         self.register_buffer("modes", modes)
         self.register_buffer("eigenvalues", eigenvalues)
         self.register_buffer("range_kpa", range_kpa)
+        self.register_buffer("decay", DECAY ** torch.arange(degree + 1))
         self.deep = deep
         self.linear = nn.Linear(modes.shape[1], 2 * (degree + 1))
         self.degree = degree
@@ -91,7 +97,8 @@ class ModalField(Field):
 
     def coefficients(self, coordinates: Tensor) -> Tensor:
         """Coefficients (J, n, degree + 1, 2) [mm] and derivatives from coordinates (J, n, M)."""
-        return torch.unflatten(propagate(self.deep, coordinates) + propagate(self.linear, coordinates), -1, (-1, 2))
+        both = propagate(self.deep, coordinates) + propagate(self.linear, coordinates)
+        return self.decay[:, None] * torch.unflatten(both, -1, (-1, 2))
 
     def polynomials(self, pressures_kpa: Tensor) -> Tensor:
         """Chebyshev polynomials (n, degree + 1) at pressures (n,) [kPa]; they go on beyond the range."""
@@ -107,7 +114,7 @@ class ModalField(Field):
 
     @torch.no_grad()
     def start_from(self, samples: Samples) -> None:
-        """Set the linear part to the least-squares fit of `samples` and the last layer of the deep part to zero."""
+        """Set the linear part to the least-squares fit of `samples`, the last layer of the deep part to zero."""
         modes = self.coordinates(samples.points_mm, order=0)[0].double()
         modes = torch.cat([torch.ones(len(modes), 1, dtype=torch.double), modes], dim=1)
         polynomials = self.polynomials(torch.from_numpy(samples.pressures_kpa))
@@ -118,6 +125,7 @@ class ModalField(Field):
         normal = design.T @ design + torch.diag(ridge)
         fitted = torch.linalg.solve(normal, design.T @ torch.from_numpy(samples.displacements_mm))
         weights = fitted.view(self.degree + 1, -1, 2).transpose(1, 2).flatten(0, 1)  # row 2 k + component
+        weights /= self.decay.double().repeat_interleave(2)[:, None]
         self.linear.bias.copy_(weights[:, 0])
         self.linear.weight.copy_(weights[:, 1:])
         last = self.deep[-1]

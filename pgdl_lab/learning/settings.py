@@ -33,8 +33,8 @@ class TrainerSettings:
         Whether a progress bar is shown.
     """
 
-    max_time: str = "00:02:00"
-    max_epochs: int = 2000
+    max_time: str = "00:01:40"
+    max_epochs: int = 250
     accelerator: str = "auto"
     checkpoint_every_s: float = 20.0
     log_every_s: float = 1.0
@@ -82,7 +82,7 @@ class OptimizerSettings:
     """
 
     name: str = "adam"
-    lr: float = 1e-3
+    lr: float = 4e-3
     batch_size: int = 512
     schedule: str = "cosine"
     weight_decay: float = 0.0

@@ -31,7 +31,7 @@ class Body(NeuralModel):
     """
 
     depth: int = 3
-    modes: int = 128
+    modes: int = 256
     degree: int = 5
 
     def __post_init__(self) -> None:
