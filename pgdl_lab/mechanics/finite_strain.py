@@ -144,7 +144,7 @@ class Model:
             lambda kpa: Load(1.0, 1e-3 * kpa),
             lambda displacement: 1e-3 * equilibrium.pressure_forces(displacement),
         )
-        with _progress() as show:
+        with progress() as show:
             resting, weighing = np.zeros_like(equilibrium.weight), 0
             if equilibrium.weight.any():
                 try:
@@ -186,7 +186,7 @@ class Model:
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[float, str], None]]:
+def progress() -> Iterator[Callable[[float, str], None]]:
     """A progress bar; the function it yields takes the fraction done and what to say."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
