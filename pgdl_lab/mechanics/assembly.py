@@ -45,6 +45,13 @@ class Assembler:
                 total += np.bincount(dofs.ravel(), values.ravel(), self._free.size)
         return total.reshape(self._free.shape)
 
+    def with_upper(self, upper: sp.csr_matrix, full: sp.csr_matrix) -> sp.csr_matrix:
+        """Add to `upper` the upper triangle, at the free degrees, of a symmetric matrix over all degrees (3 N, 3 N)."""
+        free = np.flatnonzero(self._free.ravel())
+        total = (upper + sp.triu(full[free][:, free])).tocsr()
+        total.sort_indices()
+        return total
+
     def upper(self, *matrices: Array) -> sp.csr_matrix:
         """Upper triangle of the sum of the element matrices of each group, (E, 3 A, 3 A) each, at the free degrees."""
         values = np.concatenate([m.ravel()[used] for m, used in zip(matrices, self._entries, strict=True)])

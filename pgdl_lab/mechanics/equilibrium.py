@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.assembly import Assembler
 from pgdl_lab.mechanics.cavity import Cavity
+from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.solid import Solid
 
@@ -55,10 +56,19 @@ class Equilibrium:
         (3,) weight per undeformed volume [N/mm³].
     free
         (N, 3) bool, which displacement components are not held fixed.
+    contact
+        Keeps surfaces apart while it is active.
     """
 
-    def __init__(self, solid: Solid, cavity: Cavity, body_force_n_mm3: Array, free: NDArray[np.bool_]) -> None:
-        self.solid, self.cavity, self.free = solid, cavity, free
+    def __init__(
+        self,
+        solid: Solid,
+        cavity: Cavity,
+        body_force_n_mm3: Array,
+        free: NDArray[np.bool_],
+        contact: Contact,
+    ) -> None:
+        self.solid, self.cavity, self.free, self.contact = solid, cavity, free, contact
         self.weight = nodal_volumes(solid.discretisation)[:, None] * body_force_n_mm3
         self._assembler = Assembler([solid.discretisation.nodes, cavity.nodes], free)
 
@@ -75,9 +85,19 @@ class Equilibrium:
         p = load.pressure_mpa
         energy = inner.energy - p * air.volume - load.weight * float((self.weight * displacement).sum())
         forces = self._assembler.vector(inner.forces, -p * air.gradient) - load.weight * self.weight
-        if inner.stiffness is None or air.hessian is None:
-            return Balance(energy, forces, None)
-        return Balance(energy, forces, self._assembler.upper(inner.stiffness, -p * air.hessian))
+        upper = None
+        if inner.stiffness is not None and air.hessian is not None:
+            upper = self._assembler.upper(inner.stiffness, -p * air.hessian)
+        if self.contact.active:
+            touch = self.contact.response(displacement, hessian=stiffness)
+            energy, forces = energy + touch.energy, forces + touch.forces
+            if upper is not None and touch.stiffness is not None and touch.stiffness.nnz:
+                upper = self._assembler.with_upper(upper, touch.stiffness)
+        return Balance(energy, forces, upper)
+
+    def free_step(self, displacement: Array, correction: Array) -> float:
+        """Largest part of `correction`, at most 1, that brings no surfaces together."""
+        return self.contact.free_step(displacement, correction) if self.contact.active else 1.0
 
     def pressure_forces(self, displacement: Array) -> Array:
         """Nodal forces (N, 3) of the air per unit of pressure [N/MPa] at `displacement` (N, 3) [mm]."""

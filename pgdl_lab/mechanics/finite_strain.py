@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,12 @@ from numpy.typing import NDArray
 from pgdl_lab.errors import LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.cavity import Cavity
+from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
-from pgdl_lab.mechanics.newton import Solution, solve
+from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
 from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.solid import Solid
 from pgdl_lab.mechanics.vtk import vtk_cells
@@ -47,7 +49,15 @@ class LoadLeg:
     unstable: list[float] = field(default_factory=list)
 
     def solve(self, start: Array, parameter: float) -> Solution:
-        return solve(self.equilibrium, self.solver, start, self.load(parameter), self.tolerance_mm)
+        """As `newton.solve`; contact that waits is brought in by the first solution that it concerns."""
+        contact = self.equilibrium.contact
+        if contact.active and contact.penetrates(start):
+            raise NoConvergence
+        solution = solve(self.equilibrium, self.solver, start, self.load(parameter), self.tolerance_mm)
+        if contact.mode == "auto" and not contact.active and contact.touches(solution.displacement):
+            contact.active = True
+            raise NoConvergence  # so that the step is taken again, shorter
+        return solution
 
     def slope(self, displacement: Array, parameter: float) -> Array:
         free = self.equilibrium.free
@@ -105,18 +115,29 @@ class Model:
         Longest element edge [mm].
     element
         One of `pgdl_lab.mechanics.elements.ELEMENTS`.
+    contact
+        "auto" (from the step in which surfaces first touch), "on" (from the start) or "off".
+    contact_mm
+        Distance below which surfaces push each other apart [mm].
     """
 
-    def __init__(self, finger: Finger, edge_mm: float, element: str) -> None:
+    def __init__(
+        self, finger: Finger, edge_mm: float, element: str, contact: str = "off", contact_mm: float = 0.05
+    ) -> None:
         self.mesh = finger.mesh(edge_mm)
         self.discretisation = discretise(self.mesh, ELEMENTS[element])
         basis = self.discretisation.basis
         free = np.ones(self.discretisation.positions.shape, dtype=bool)
         free[basis.get_dofs("clamp").all()] = False
         free[basis.get_dofs("symmetry").all(), 1] = False
+        touch = Contact(self.discretisation, contact_mm, finger.material.shear_modulus_mpa / 4, mode=contact)
         weight = finger.body_force_n_mm3
         self.equilibrium = Equilibrium(
-            Solid(self.discretisation, finger.material), Cavity(basis), np.array([weight[0], 0.0, weight[1]]), free
+            Solid(self.discretisation, finger.material),
+            Cavity(basis),
+            np.array([weight[0], 0.0, weight[1]]),
+            free,
+            touch,
         )
         self.solver = symmetric_solver()
 
@@ -172,6 +193,17 @@ class Model:
         balance = self.equilibrium.balance(displacement, Load(1.0, 1e-3 * kpa), stiffness=False)
         outer = self.equilibrium.weight + 1e-3 * kpa * self.equilibrium.pressure_forces(displacement)
         return (balance.forces * ~self.equilibrium.free).sum(axis=0), outer.sum(axis=0)
+
+    def contact_report(self, history: History) -> dict[str, Any]:
+        """Whether contact acted, the smallest gap [mm] (None: none below that at rest) and pressures with penetration."""
+        contact, branch = self.equilibrium.contact, history.branch
+        smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
+        states = zip(branch.parameters, branch.displacements, strict=True)
+        return {
+            "acted": contact.active,
+            "smallest_gap_mm": smallest if np.isfinite(smallest) else None,
+            "penetration_kpa": [kpa for kpa, displacement in states if contact.penetrates(displacement)],
+        }
 
     def probe(self, face: Face) -> Callable[[Array], Array]:
         """Function from a displacement of all nodes (M, 3) to u_x and u_z at the points of `face` (N, 2) [mm]."""

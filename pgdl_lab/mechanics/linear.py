@@ -24,7 +24,7 @@ class SymmetricSolver(Protocol):
     negative: int
 
     def factorise(self, upper: sp.csr_matrix) -> None:
-        """Factorise the matrix whose upper triangle is given; its pattern must stay the same from call to call."""
+        """Factorise the matrix whose upper triangle is given."""
 
     def solve(self, right_hand_side: Array) -> Array:
         """Solve for one vector (n,)."""
@@ -34,7 +34,7 @@ class SymmetricSolver(Protocol):
 
 
 class Pardiso:
-    """MKL Pardiso for symmetric indefinite matrices; the ordering is worked out once and reused."""
+    """MKL Pardiso for symmetric indefinite matrices; the ordering is kept as long as the pattern stays the same."""
 
     name = "MKL Pardiso"
 
@@ -47,7 +47,9 @@ class Pardiso:
 
     def factorise(self, upper: sp.csr_matrix) -> None:
         unused = np.zeros((upper.shape[0], 1))
-        if self._matrix is None:
+        known = self._matrix
+        if known is None or known.nnz != upper.nnz or not np.array_equal(known.indices, upper.indices):
+            self.close()
             self._run(11, upper, unused)
         self._run(22, upper, unused)
         self._matrix = upper

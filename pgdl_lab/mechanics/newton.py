@@ -52,28 +52,35 @@ def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load:
         largest = float(np.abs(correction).max())
         if not np.isfinite(largest):
             raise NoConvergence
-        if largest > CLOSE_MM:
+        reach = equilibrium.free_step(displacement, correction)
+        if largest > CLOSE_MM or reach < 1:
             descent = np.inf if iteration == 1 else float((here.forces * correction)[free].sum())
-            correction *= step_length(equilibrium, displacement, correction, load, here, descent)
+            correction *= step_length(equilibrium, displacement, correction, load, here, descent, reach)
         displacement = displacement + correction
-        if largest < tolerance_mm:
+        if largest < tolerance_mm and reach == 1:
             return Solution(displacement, iteration)
     raise NoConvergence
 
 
 def step_length(
-    equilibrium: Equilibrium, displacement: Array, correction: Array, load: Load, here: Balance, descent: float
+    equilibrium: Equilibrium,
+    displacement: Array,
+    correction: Array,
+    load: Load,
+    here: Balance,
+    descent: float,
+    longest: float,
 ) -> float:
-    """Largest of 1, ½, ¼, … that keeps all elements valid and lowers the energy in proportion to `descent` [N mm].
+    """Largest of 1, ½, ¼, … times `longest` that keeps all elements valid and lowers the energy.
 
-    An infinite `descent` accepts any energy.
+    The energy must fall in proportion to `descent` [N mm]; an infinite `descent` accepts any energy.
 
     Raises
     ------
     NoConvergence
         When no step down to `SMALLEST_STEP` does.
     """
-    step = 1.0
+    step = longest
     while step >= SMALLEST_STEP:
         try:
             there = equilibrium.balance(displacement + step * correction, load, stiffness=False)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
+CONTACT_MODES = ("auto", "on", "off")
+
 
 @register("fem", "solid")
 @dataclass(frozen=True)
@@ -34,6 +36,10 @@ class Solid(Fem):
     element
         `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or `hex20`
         (displacement only).
+    contact
+        Frictionless contact of the outer surfaces: `auto` (from the step in which they first touch), `on` or `off`.
+    contact_mm
+        Distance below which surfaces push each other apart; they never come nearer than a part of it [mm].
     newton_mm
         An equilibrium is found when Newton's correction is below this [mm].
     interpolation_mm
@@ -42,24 +48,28 @@ class Solid(Fem):
 
     edge_mm: float = 3.0
     element: str = "hex27_p1"
+    contact: str = "auto"
+    contact_mm: float = 0.05
     newton_mm: float = 1e-6
     interpolation_mm: float = 1e-5
 
     def __post_init__(self) -> None:
         from pgdl_lab.mechanics.elements import ELEMENTS
 
-        for name in ("edge_mm", "newton_mm", "interpolation_mm"):
+        for name in ("edge_mm", "contact_mm", "newton_mm", "interpolation_mm"):
             if not 0 < getattr(self, name) < np.inf:
                 raise InputError(f"fem.{name} is {getattr(self, name)} mm; it must be above 0.")
         if self.element not in ELEMENTS:
             raise InputError(f"fem.element is '{self.element}'; choose one of {', '.join(ELEMENTS)}.")
+        if self.contact not in CONTACT_MODES:
+            raise InputError(f"fem.contact is '{self.contact}'; choose one of {', '.join(CONTACT_MODES)}.")
 
     def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
         from pgdl_lab.mechanics.finite_strain import Model
 
         began = time.perf_counter()
         face = finger.face(observation.points)
-        model = Model(finger, self.edge_mm, self.element)
+        model = Model(finger, self.edge_mm, self.element, self.contact, self.contact_mm)
         history = model.load(finger.max_kpa, self.newton_mm, self.interpolation_mm)
         pressures = observation.pressures_kpa(finger.max_kpa)
         pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
@@ -76,6 +86,8 @@ class Solid(Fem):
         )
         if history.unstable_kpa:
             _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
+        if crossed := snapshots.provenance["contact"]["penetration_kpa"]:
+            _log.warning("Surfaces pass through each other at %.4g kPa and more: use fem.contact=auto.", crossed[0])
         if not history.complete:
             raise SimulationStopped(
                 f"The finger was in equilibrium up to {history.reached_kpa:.4g} kPa, but not at "
@@ -101,6 +113,7 @@ class Solid(Fem):
             "unstable_kpa": history.unstable_kpa,
             "reaction_n": reaction.tolist(),
             "load_n": outer.tolist(),
+            "contact": model.contact_report(history),
             "linear_solver": model.solver.name,
             "versions": {"python": platform.python_version()}
             | {name: version(name) for name in ("numpy", "scipy", "scikit-fem")}

@@ -21,7 +21,9 @@ def test_derivatives_against_differences() -> None:
     np.testing.assert_allclose(second, (above - 2 * material.energy(invariant) + below) / step**2, rtol=1e-4)
 
 
-@pytest.mark.parametrize(("field", "value"), [("c1_mpa", 0.0), ("c2_mpa", -0.01), ("c3_mpa", -1e-3), ("poisson", 0.5), ("poisson", -0.1)])
+@pytest.mark.parametrize(
+    ("field", "value"), [("c1_mpa", 0.0), ("c2_mpa", -0.01), ("c3_mpa", -1e-3), ("poisson", 0.5), ("poisson", -0.1)]
+)
 def test_refuses_what_is_no_solid(field: str, value: float) -> None:
     with pytest.raises(InputError, match=f"material.{field} is {value}"):
         Yeoh(**{field: value})
