@@ -1,8 +1,8 @@
 """Frictionless contact of the outer skin with itself, by a barrier that keeps surfaces apart.
 
-The potential of M. Li et al., Incremental Potential Contact, ACM Transactions on Graphics 39 (2020), as the IPC Toolkit computes it:
-zero where surfaces are farther apart than a small reach, growing without bound as they meet. With it a step of Newton's method ends
-before the first penetration, so no result ever has one.
+The potential of M. Li et al., Incremental Potential Contact, ACM Transactions on Graphics 39 (2020), as the IPC Toolkit
+computes it: zero where surfaces are farther apart than a small reach, growing without bound as they meet. With it a
+step of Newton's method ends before the first penetration, so no result ever has one.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,13 @@ from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.vtk import vtk_cells
 
 if TYPE_CHECKING:
+    import ipctk
     from scipy.sparse import csr_matrix
 
 Array = NDArray[np.float64]
 
-# Corners and middle nodes of the faces of a hexahedron in the order of VTK; the last is the centre, of 27-node elements only.
+# Corners and middle nodes of the faces of a hexahedron in the order of VTK; the last is the centre, of 27-node elements
+# only.
 FACES = np.array(
     [
         [0, 4, 7, 3, 16, 15, 19, 11, 20],

@@ -1,4 +1,4 @@
-"""Contact of the skin with itself: derivatives, steps that end before a penetration, and a finger whose chambers touch."""
+"""Contact of the skin with itself: derivatives, steps that end before a penetration, chambers that touch."""
 
 from dataclasses import replace
 
