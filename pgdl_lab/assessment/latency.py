@@ -1,14 +1,14 @@
 """How long one prediction takes on the CPU."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pgdl_lab.learning.threads import threads
 from pgdl_lab.surrogate import Surrogate
 
 LEAST_REPEATS = 100  # so that the 99th percentile is a measured one
@@ -33,7 +33,7 @@ def latency_ms(surrogate: Surrogate, points_mm: NDArray[np.float64], tip: int, k
     -------
     "full_field" and "tip" on one thread, and both on all threads under "all_threads" with the number of "threads".
     """
-    threads = torch.get_num_threads()
+    available = torch.get_num_threads()
 
     def both() -> dict[str, dict[str, float]]:
         return {
@@ -41,19 +41,9 @@ def latency_ms(surrogate: Surrogate, points_mm: NDArray[np.float64], tip: int, k
             "tip": _percentiles(lambda: surrogate.predict(points_mm[tip : tip + 1], kpa)),
         }
 
-    with _threads(1):
+    with threads(1):
         single = both()
-    return {**single, "all_threads": {"threads": threads, **both()}}
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
+    return {**single, "all_threads": {"threads": available, **both()}}
 
 
 def _percentiles(predict: Callable[[], object]) -> dict[str, float]:

@@ -18,6 +18,7 @@ from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 from pgdl_lab.learning.objective import Objective
+from pgdl_lab.learning.threads import threads
 from pgdl_lab.registry import describe
 from pgdl_lab.surrogate import Record, read_safely
 
@@ -55,7 +56,7 @@ def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
         return surrogate()
     trainer = _trainer(training, Checkpoint(path, training.trainer.checkpoint_every_s, identity))
     try:
-        with warnings.catch_warnings():
+        with threads(training.trainer.threads), warnings.catch_warnings():
             # Lightning advises on data loaders, which do not exist here
             warnings.filterwarnings("ignore", module="lightning")
             resumed = path if checkpoint else None

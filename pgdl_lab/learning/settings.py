@@ -25,6 +25,9 @@ class TrainerSettings:
         Epoch budget; one epoch is one pass over the training points.
     accelerator
         "auto" (a GPU where there is one), "cpu" or "gpu".
+    threads
+        CPU threads of the training. More than one hardly speeds up a small network, and on a busy machine threads
+        that wait for each other slow it down many times over.
     checkpoint_every_s
         Time between checkpoints [s].
     log_every_s
@@ -36,6 +39,7 @@ class TrainerSettings:
     max_time: str = "00:01:40"
     max_epochs: int = 250
     accelerator: str = "auto"
+    threads: int = 1
     checkpoint_every_s: float = 20.0
     log_every_s: float = 1.0
     progress: bool = True
@@ -43,6 +47,8 @@ class TrainerSettings:
     def __post_init__(self) -> None:
         if self.max_epochs < 1:
             raise InputError(f"trainer.max_epochs is {self.max_epochs}; it must be at least 1.")
+        if self.threads < 1:
+            raise InputError(f"trainer.threads is {self.threads}; it must be at least 1.")
         if self.accelerator not in ACCELERATORS:
             raise InputError(f"trainer.accelerator is '{self.accelerator}'; choose one of {', '.join(ACCELERATORS)}.")
         for name in ("checkpoint_every_s", "log_every_s"):

@@ -12,7 +12,7 @@ def test_time_is_read(text: str, seconds: float) -> None:
 @pytest.mark.parametrize(
     "fields",
     [{"max_time": text} for text in ("", "soon", "0", "1:2:3:4", "inf", "nan", "-5")]
-    + [{"max_epochs": 0}, {"accelerator": "tpu"}, {"checkpoint_every_s": -1.0}],
+    + [{"max_epochs": 0}, {"threads": 0}, {"accelerator": "tpu"}, {"checkpoint_every_s": -1.0}],
 )
 def test_trainer_refuses_nonsense(fields: dict[str, object]) -> None:
     with pytest.raises(InputError):
