@@ -1,4 +1,4 @@
-"""The whole body for ParaView: one VTU file for each equilibrium, and a PVD file that puts them in a row by pressure."""
+"""The whole body for ParaView: a VTU file for each equilibrium, and a PVD file that puts them in a row."""
 
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -8,7 +8,7 @@ from pgdl_lab.snapshots import Body
 
 
 def write_series(body: Body, folder: Path) -> Path:
-    """Write the undeformed mesh [mm] with the displacements [mm] as point data; "time" in ParaView is the pressure [kPa].
+    """Write the undeformed mesh [mm] with the displacements [mm]; what ParaView calls time is the pressure [kPa].
 
     Returns
     -------

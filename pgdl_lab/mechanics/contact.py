@@ -89,8 +89,8 @@ class Contact:
         self._rest_mm = self.gap_mm(np.zeros_like(discretisation.positions))
         if reach_mm >= self._rest_mm / 2:
             raise InputError(
-                f"fem.contact_mm is {reach_mm} mm; it must be below half of {self._rest_mm:.3g} mm, the smallest distance "
-                "between surfaces of the undeformed mesh."
+                f"fem.contact_mm is {reach_mm} mm; it must be below half of {self._rest_mm:.3g} mm, the smallest "
+                "distance between surfaces of the undeformed mesh."
             )
 
     def response(self, displacement: Array, *, hessian: bool) -> ContactResponse:

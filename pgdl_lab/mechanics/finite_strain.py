@@ -195,7 +195,7 @@ class Model:
         return (balance.forces * ~self.equilibrium.free).sum(axis=0), outer.sum(axis=0)
 
     def contact_report(self, history: History) -> dict[str, Any]:
-        """Whether contact acted, the smallest gap [mm] (None: none below that at rest) and pressures with penetration."""
+        """Whether contact acted, the smallest gap [mm] (None: none near) and the pressures [kPa] with penetration."""
         contact, branch = self.equilibrium.contact, history.branch
         smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
         states = zip(branch.parameters, branch.displacements, strict=True)
