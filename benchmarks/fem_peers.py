@@ -1,0 +1,103 @@
+"""Our solid beside CalculiX: same mesh, same element, same snapshots, one after the other in this process.
+
+    python benchmarks/fem_peers.py --kpa 30 --edge-mm 3
+
+The finger is `pneunet` with its default dimensions, from gravity up to the pressure given. Both use 20-node hexahedra
+with 2×2×2 points; differences are taken over all points of the side face at all pressures. Differences of extremes are
+related to the largest displacement along the same axis.
+"""
+
+import argparse
+import os
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import registry
+from pgdl_lab.errors import LabError
+from pgdl_lab.fem import Fem, SimulationStopped
+from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics import calculix  # imported, with all it needs, before any time is taken
+from pgdl_lab.snapshots import Observation, Snapshots
+
+console = Console(width=100)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Snapshots, and the wall and processor time [s] they took."""
+
+    snapshots: Snapshots
+    wall_s: float
+    cpu_s: float
+
+
+def timed(fem: Fem, finger: Finger, observation: Observation) -> Timed:
+    """Simulate; what converged counts if the simulation stops early."""
+    wall, cpu = time.perf_counter(), _cpu_s()
+    try:
+        snapshots = fem.simulate(finger, observation)
+    except SimulationStopped as stop:
+        console.print(str(stop))
+        snapshots = stop.snapshots
+    return Timed(snapshots, time.perf_counter() - wall, _cpu_s() - cpu)
+
+
+def _cpu_s() -> float:
+    """Processor time of this process and its children [s]."""
+    return sum(os.times()[:4])
+
+
+def compare(ours: Timed, theirs: Timed) -> Table:
+    """Extremes at the highest common pressure, differences over all common ones, and times."""
+    count = min(len(ours.snapshots.pressures_kpa), len(theirs.snapshots.pressures_kpa))
+    a, b = ours.snapshots.displacements[:count], theirs.snapshots.displacements[:count]
+    title = f"Gravity to {ours.snapshots.pressures_kpa[count - 1]:g} kPa, {count} snapshots"
+    table = Table(title=f"{title}, {ours.snapshots.provenance['mesh']['nodes']:,} nodes")
+    for column in ("", "solid hex20", f"CalculiX {calculix.version()}", "difference", "relative"):
+        table.add_column(column, justify="right" if column else "left", no_wrap=True)
+    for component, name in enumerate(("u_x", "u_z")):
+        largest = np.abs(a[-1, :, component]).max()
+        for label, extreme in (("min", np.min), ("max", np.max)):
+            mine, other = extreme(a[-1, :, component]), extreme(b[-1, :, component])
+            share = f"{abs(mine - other) / largest:.3%}"
+            table.add_row(f"{name} {label} (mm)", f"{mine:.3f}", f"{other:.3f}", f"{mine - other:.3f}", share)
+    distance, size = np.linalg.norm(a - b, axis=2), np.linalg.norm(a, axis=2)
+    worst, mean = distance.max(), np.sqrt((distance**2).mean())
+    table.add_row("largest distance (mm)", "", "", f"{worst:.4f}", f"{worst / size.max():.3%}")
+    table.add_row("rms distance (mm)", "", "", f"{mean:.4f}", f"{mean / size.max():.3%}")
+    table.add_section()
+    for name, mine, other in (
+        ("wall time (s)", ours.wall_s, theirs.wall_s),
+        ("processor time (s)", ours.cpu_s, theirs.cpu_s),
+        ("iterations", *(run.snapshots.provenance["newton_iterations"] for run in (ours, theirs))),
+    ):
+        table.add_row(name, f"{mine:.4g}", f"{other:.4g}", "", f"{other / mine:.1f}×")
+    return table
+
+
+def main() -> None:
+    """Run both and print the table."""
+    parser = argparse.ArgumentParser(description="Our solid beside CalculiX on the same mesh.")
+    parser.add_argument("--kpa", type=float, default=30.0, help="highest pressure")
+    parser.add_argument("--edge-mm", type=float, default=3.0, help="longest element edge")
+    parser.add_argument("--snapshots", type=int, default=30, help="number of equal pressure sub-steps")
+    chosen = parser.parse_args()
+    registry.discover()
+    finger: Finger = registry.plugin("finger", "pneunet")(max_kpa=chosen.kpa)
+    observation = Observation(snapshots=chosen.snapshots)
+    calculix.program()
+    solid = registry.plugin("fem", "solid")(edge_mm=chosen.edge_mm, element="hex20")
+    peer = registry.plugin("fem", "calculix")(edge_mm=chosen.edge_mm)
+    console.print(compare(timed(solid, finger, observation), timed(peer, finger, observation)))
+    console.print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except LabError as error:
+        raise SystemExit(str(error)) from None

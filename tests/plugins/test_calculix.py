@@ -1,0 +1,183 @@
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pgdl_lab import registry
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.fem import Fem, SimulationStopped
+from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.calculix import Increment, read_displacements, read_increments
+from pgdl_lab.mechanics.calculix_deck import FACES, deck
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.snapshots import Observation, Snapshots
+from tests.fingers import OBSERVATION, balloon, pneunet, solid
+
+needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (calculix-ccx) is not installed")
+
+
+def calculix(**fields: object) -> Fem:
+    fem: Fem = registry.plugin("fem", "calculix")(**{"edge_mm": 6.0, **fields})
+    return fem
+
+
+def sections(finger: Finger) -> tuple[Model, dict[str, list[list[str]]]]:
+    """The model of `finger`, and the cells of the lines under each card of its deck; steps add up."""
+    model = Model(finger, 6.0, "hex20")
+    cards: dict[str, list[list[str]]] = {}
+    for line in deck(model, finger, np.array([10.0, 20.0]), 0.01).splitlines():
+        if line.startswith("*"):
+            rows = cards.setdefault(line, [])
+        else:
+            rows.append(line.rstrip(",").split(","))
+    return model, cards
+
+
+class TestDeck:
+    def test_has_the_mesh_of_the_solid(self) -> None:
+        model, cards = sections(pneunet())
+        nodes = np.array(cards["*NODE,NSET=BODY"], dtype=float)
+        np.testing.assert_allclose(nodes[:, 1:], model.discretisation.positions, atol=1e-9)
+        rows = cards["*ELEMENT,TYPE=C3D20R,ELSET=BODY"]
+        elements = np.array([first + second for first, second in zip(rows[::2], rows[1::2], strict=True)], dtype=int)
+        assert elements.shape == (57, 21)
+        np.testing.assert_array_equal(elements[:, 1:] - 1, model.cells()[1])
+
+    def test_presses_on_the_cavity_walls(self) -> None:
+        model, cards = sections(pneunet())
+        cells, positions = model.cells()[1], model.discretisation.positions
+        pressed = [(int(element) - 1, int(face[1]) - 1) for element, face, _ in cards["*DLOAD"][1:]]
+        middles = [positions[cells[element][FACES[face]]].mean(axis=0) for element, face in pressed]
+        walls = model.mesh.p[:, model.mesh.facets[:, model.mesh.boundaries["cavity"]]].mean(axis=1).T
+        np.testing.assert_allclose(np.sort(middles, axis=0), np.sort(walls, axis=0), atol=1e-9)
+        assert {float(row[2]) for row in cards["*DLOAD"][1:]} == {20e3}  # Pa
+
+    def test_states_the_material_and_the_weight(self) -> None:
+        finger = pneunet(gravity_m_s2=[3.0, -4.0])
+        _, cards = sections(finger)
+        law = finger.material
+        wanted = [1e6 * law.c1_mpa, 1e6 * law.c2_mpa, 0, 2e-6 / law.bulk_modulus_mpa]
+        coefficients = np.array(cards["*HYPERELASTIC,YEOH"][0], dtype=float)
+        np.testing.assert_allclose(coefficients[:4], wanted, rtol=1e-9)
+        assert (coefficients[4:] > 1e10).all()
+        assert cards["*DLOAD"][0] == ["BODY", "GRAV", "5000", "0.6", "0", "-0.8"]
+        # density [kg/m³] · gravity [m/s²] = 1e-6 · density · 1e3 · gravity [Pa/mm]
+        assert cards["*DENSITY"] == [["0.00113"]]
+
+    def test_without_weight_there_is_one_step(self) -> None:
+        _, cards = sections(pneunet(gravity_m_s2=[0.0, 0.0]))
+        assert len(cards["*STATIC"]) == 1 and cards["*DLOAD"][0][1] != "GRAV"
+        assert cards["*TIME POINTS,NAME=OBSERVED"] == [["10"], ["20"]]
+
+
+class TestResultFiles:
+    def test_progress_tells_increments_that_failed(self, tmp_path: Path) -> None:
+        file = tmp_path / "finger.sta"
+        assert read_increments(file) == []
+        file.write_text(
+            "SUMMARY OF JOB INFORMATION\n  STEP      INC     ATT  ITRS     TOT TIME     STEP TIME      INC TIME\n"
+            "     1          6     1     2  0.100000E+01  0.100000E+01  0.875000E-01\n"
+            "     2         10     1U   16  0.121000E+03  0.120000E+03  0.750000E+01\n"
+            "     2         10     2     7  0.1228"
+        )
+        assert read_increments(file) == [Increment(1, True, 2, 1.0), Increment(2, False, 16, 120.0)]
+
+    def test_a_table_cut_short_is_left_out(self, tmp_path: Path) -> None:
+        file = tmp_path / "finger.dat"
+        head = "\n displacements (vx,vy,vz) for set BODY and time  0.1000000E+01\n\n"
+        whole = "         1  0.000000E+00  1.000000E-03 -2.000000E+01\n"
+        whole += "         2  1.000000E+00  0.000000E+00  3.000000E+00\n"
+        file.write_text(head + whole + head + whole[:-5])
+        (table,) = read_displacements(file, 2)
+        np.testing.assert_array_equal(table, [[0, 1e-3, -20], [1, 0, 3]])
+
+
+class TestTrouble:
+    """What the user is told when the program is missing or fails."""
+
+    def test_missing_program_is_named(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("PATH", "")
+        with pytest.raises(InputError, match="needs the program 'ccx', .*apt-get install calculix-ccx"):
+            calculix().simulate(pneunet(), OBSERVATION)
+
+    @pytest.mark.parametrize(
+        ("script", "sentence"),
+        [
+            ("echo ' *ERROR reading *ELEMENT: nonsense'; exit 201", "'reading .ELEMENT: nonsense'"),
+            ("kill -9 $$", "signal 9 killed the program"),
+            ("exit 3", "its exit code is 3"),
+        ],
+    )
+    def test_failed_program_is_quoted(
+        self, script: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        program = tmp_path / "ccx"
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        program.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+        with pytest.raises(LabError, match=f"no equilibrium under the weight alone: .*{sentence}"):
+            calculix().simulate(pneunet(), OBSERVATION)
+
+    @pytest.mark.parametrize(
+        ("fields", "sentence"),
+        [
+            ({"edge_mm": 0.0}, "fem.edge_mm is 0.0 mm"),
+            ({"tolerance": 0.0}, "fem.tolerance is 0.0;"),
+            ({"timeout_s": -1.0}, "fem.timeout_s is -1.0 s"),
+        ],
+    )
+    def test_impossible_models_are_refused(self, fields: dict[str, object], sentence: str) -> None:
+        with pytest.raises(InputError, match=sentence):
+            calculix(**fields)
+
+    @needs_ccx
+    def test_what_converged_before_a_burst_is_kept(self) -> None:
+        with pytest.raises(SimulationStopped, match=r"up to 1[0-9.]{2,4} kPa, .*finger.max_kpa=300 .*cutbacks") as stop:
+            calculix().simulate(balloon(), OBSERVATION)
+        kept = stop.value.snapshots
+        np.testing.assert_allclose(kept.pressures_kpa, [30, 60, 90, 120])
+        assert kept.displacements.shape == (4, 800, 2)
+        assert 120 <= kept.provenance["reached_kpa"] < 150
+
+    @needs_ccx
+    def test_time_that_is_over_leaves_nothing_behind(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+        with pytest.raises((SimulationStopped, LabError), match=r"fem.timeout_s=0.3 s were over"):
+            calculix(timeout_s=0.3).simulate(pneunet(), OBSERVATION)
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def snapshots() -> Snapshots:
+    return calculix().simulate(pneunet(), OBSERVATION)
+
+
+@needs_ccx
+class TestAgainstTheSolid:
+    def test_agree_under_pressure(self, snapshots: Snapshots) -> None:
+        """Within 0.03 %: CalculiX integrates the pressure with 2×2 points, too few for it to be exact."""
+        peer = solid().simulate(pneunet(), OBSERVATION)
+        largest = np.abs(peer.displacements).max()
+        np.testing.assert_array_equal(snapshots.points, peer.points)
+        np.testing.assert_array_equal(snapshots.pressures_kpa, peer.pressures_kpa)
+        np.testing.assert_allclose(snapshots.displacements, peer.displacements, atol=3e-4 * largest)
+
+    def test_agree_in_large_bending(self) -> None:
+        """To the digits that CalculiX prints where no pressure acts: 600 times the density."""
+        heavy = pneunet(density_kg_m3=678e3, max_kpa=1e-3)
+        ours, theirs = (fem.simulate(heavy, Observation(1, 800)).body for fem in (solid(), calculix(tolerance=1e-3)))
+        assert ours is not None and theirs is not None
+        assert np.abs(ours.displacements[0]).max() > 30
+        np.testing.assert_allclose(theirs.displacements[0], ours.displacements[0], atol=2e-5)
+
+    def test_provenance_says_where_the_numbers_come_from(self, snapshots: Snapshots) -> None:
+        told = snapshots.provenance
+        assert told["finger"]["chambers"] == 2 and told["fem"]["name"] == "calculix"
+        assert told["mesh"] == {"elements": 57, "nodes": 472, "degrees_of_freedom": 1172}
+        assert told["increments"] >= 10 and told["newton_iterations"] >= told["increments"]
+        assert told["cpu_seconds"] > 0 and told["versions"]["calculix"] != "unknown"
+        np.testing.assert_allclose(np.array(told["reaction_n"])[[0, 2]], -np.array(told["load_n"])[[0, 2]], atol=1e-4)
+        assert told["reached_kpa"] == 20
