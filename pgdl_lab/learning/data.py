@@ -17,9 +17,6 @@ from pgdl_lab.snapshots import Snapshots
 if TYPE_CHECKING:
     from pgdl_lab.loss import Loss
 
-KG_M3_TO_TONNE_MM3 = 1e-12
-M_TO_MM = 1e3
-
 
 @dataclass(frozen=True)
 class Samples:
@@ -77,8 +74,7 @@ class Scene:
     @classmethod
     def of(cls, finger: Finger, snapshots: Snapshots) -> Scene:
         """The scene of `finger`, with the face that `snapshots` observe."""
-        density = finger.density_kg_m3 * KG_M3_TO_TONNE_MM3
-        force_x, force_z = (density * component * M_TO_MM for component in finger.gravity_m_s2)
+        force_x, force_z = finger.body_force_n_mm3.tolist()
         return cls(
             points_mm=snapshots.points,
             triangles=snapshots.triangles,
