@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from pgdl_lab.assessment.paper import Published, published
 
@@ -28,7 +29,7 @@ def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Publi
     scene = f"{metrics['finger']}, split {metrics['split']}, model {metrics['model']}"
     table = Table(title=f"{scene}: MSE over unseen points")
     for heading in ("pressure [kPa]", "trained on", "x [mm²]", "paper", "z [mm²]", "paper", "max |error| [mm]"):
-        table.add_column(heading, justify="right")
+        table.add_column(Text(heading), justify="right")  # as text: units in brackets would be read as markup
     highest = metrics["by_pressure"][-1]["kpa"]
     for snapshot in highlights:
         row = metrics["by_pressure"][snapshot]
@@ -47,7 +48,7 @@ def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Publi
 def _extremes(metrics: dict[str, Any], paper: Published) -> Table:
     table = Table(title=f"Displacement at {metrics['by_pressure'][-1]['kpa']:g} kPa, least and greatest")
     for heading in ("", "FEM [mm]", "paper's FEA [mm]", "surrogate [mm]", "paper's PGDL [mm]"):
-        table.add_column(heading, justify="right")
+        table.add_column(Text(heading), justify="right")
     ours = metrics["extremes_mm"]
     for axis in "xz":
         table.add_row(
@@ -65,7 +66,7 @@ def _range(pair: Any) -> str:
 def _times(metrics: dict[str, Any]) -> Table:
     table = Table(title="Time")
     for heading in ("simulate [s]", "train [s]", "full field [ms]", "tip [ms]", "greatest base-line distance [mm]"):
-        table.add_column(heading, justify="right")
+        table.add_column(Text(heading), justify="right")
     seconds, latency = metrics["seconds"], metrics["latency_ms"]
     cached = " (cached)" if seconds.get("simulate_cached") else ""
     table.add_row(

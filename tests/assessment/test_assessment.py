@@ -1,5 +1,6 @@
 """Metrics on data whose errors are known, and everything that an assessment writes."""
 
+import io
 import json
 from pathlib import Path
 
@@ -103,9 +104,10 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     names = {"field_x", "field_z", "base_lines", "mse_over_pressure", "loss_history"}
     assert {path.stem for path in found.figures} == names == {path.stem for path in (tmp_path / "figures").iterdir()}
     assert all(path.stat().st_size > 10_000 for path in found.figures)
-    console = Console(width=140, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(width=140, record=True, file=io.StringIO())
     console.print(closing_table(found.metrics, found.highlights))
     text = console.export_text()
+    assert all(unit in text for unit in ("[kPa]", "[mm²]", "[mm]", "[s]", "[ms]"))
     assert "9.00e-02" in text and "-63.43" in text and ("0.017" in text) == (split == "extrapolate")
 
 
