@@ -1,9 +1,10 @@
 """The volume of the cavities: air at pressure p does the work p dV, so −p V is its potential energy.
 
 Its first derivative is the follower load on the walls, its second the load stiffness, both exact and symmetric, also
-element by element: V = −⅓ ∫ x · (x,₁ × x,₂) dA over the walls with their normal out of the solid. The part of the
-boundary of V that is no wall (the plane of symmetry y = 0, a clamped end x = 0) does not contribute, since its points
-and their displacements lie in a plane through the origin.
+element by element: V = −∫ M x · (x,₁ × x,₂) dA over the walls with their normal out of the solid. For closed walls any
+M of unit trace gives the same; with M = diag(½, ½, 0) the part of the boundary of V that is no wall does not contribute
+either, where its points and their displacements lie in a plane x = 0 or y = 0 (clamped end, symmetry) or in any plane
+z = const (a slab in plane strain).
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from skfem import CellBasis
 
 Array = NDArray[np.float64]
+
+SHARES = np.array([0.5, 0.5, 0.0])  # the diagonal of M
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class Cavity:
         self._value = on_walls(value)
         self._first = on_walls(np.einsum("jawq,jwq->waq", gradient, first))
         self._second = on_walls(np.einsum("jawq,jwq->waq", gradient, second))
-        self._weights = -walls.dx / 3
+        self._weights = -walls.dx
 
     def response(self, displacement: Array, *, hessian: bool) -> CavityResponse:
         """Volume and derivatives at `displacement` (N, 3) [mm]."""
@@ -78,31 +81,25 @@ class Cavity:
         nodal = (self._positions + displacement)[self.nodes].transpose(0, 2, 1)
         x, x1, x2 = nodal @ value, nodal @ first, nodal @ second  # (W, 3, Q)
         normal = np.cross(x1, x2, axis=1)
-        volume = float((w * x * normal).sum())
+        mx = SHARES[:, None] * x
+        volume = float((w * mx * normal).sum())
         gradient = (
-            value @ (w * normal).transpose(0, 2, 1)
-            + first @ (w * np.cross(x2, x, axis=1)).transpose(0, 2, 1)
-            + second @ (w * np.cross(x, x1, axis=1)).transpose(0, 2, 1)
+            SHARES * (value @ (w * normal).transpose(0, 2, 1))
+            + first @ (w * np.cross(x2, mx, axis=1)).transpose(0, 2, 1)
+            + second @ (w * np.cross(mx, x1, axis=1)).transpose(0, 2, 1)
         )
         facets, nodes = self.nodes.shape
         if not hessian:
             return CavityResponse(volume, gradient.reshape(facets, -1), None)
-        # The triple product x · (x1 × x2) is linear in each factor: its Hessian couples components i ≠ j through the
+        # The triple product M x · (x1 × x2) is linear in each factor: its Hessian couples components i ≠ j through the
         # third.
         blocks = np.zeros((facets, nodes, 3, nodes, 3))
         for k in range(3):
             i, j = (k + 1) % 3, (k + 2) % 3
-            coupling = (
-                _wedge(value * (w * x2)[:, k, None], first)
-                + _wedge(second * (w * x1)[:, k, None], value)
-                + _wedge(first * (w * x)[:, k, None], second)
-            )
-            blocks[:, :, i, :, j] += coupling
-            blocks[:, :, j, :, i] -= coupling
+            tangents = (w * x2)[:, k, None] * first - (w * x1)[:, k, None] * second
+            along = value @ tangents.transpose(0, 2, 1)
+            turned = first @ ((w * mx)[:, k, None] * second).transpose(0, 2, 1)
+            coupling = SHARES[i] * along - SHARES[j] * along.transpose(0, 2, 1) + turned - turned.transpose(0, 2, 1)
+            blocks[:, :, i, :, j] = coupling
+            blocks[:, :, j, :, i] = coupling.transpose(0, 2, 1)
         return CavityResponse(volume, gradient.reshape(facets, -1), blocks.reshape(facets, 3 * nodes, 3 * nodes))
-
-
-def _wedge(left: Array, right: Array) -> Array:
-    """Antisymmetric product l_a r_b − l_b r_a, summed over quadrature points: (W, A, A) of two (W, A, Q)."""
-    product = left @ right.transpose(0, 2, 1)
-    return product - product.transpose(0, 2, 1)

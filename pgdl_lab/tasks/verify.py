@@ -1,0 +1,84 @@
+"""Task `verify`: benchmarks of the mechanics beside their references, as a table and as files."""
+
+import csv
+import json
+import logging
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from pgdl_lab.errors import LabError
+from pgdl_lab.files import replacing
+from pgdl_lab.tasks import Job
+from pgdl_lab.verification import discover
+from pgdl_lab.verification.benchmark import BENCHMARKS, Row
+from pgdl_lab.verification.benchmark import run as checks
+
+_log = logging.getLogger(__name__)
+
+COLUMNS = ("benchmark", "check", "reference", "obtained", "tolerance", "passed", "seconds", "source", "problem")
+
+
+def run(job: Job) -> None:
+    """Make all checks, or the quick ones, and write verify.json and verify.csv.
+
+    Raises
+    ------
+    LabError
+        When a check does not pass.
+    """
+    discover()
+    chosen = [each for each in BENCHMARKS if each.quick or not job.config.quick]
+    rows = []
+    for row in checks(chosen, job.config.quick):
+        rows.append(row)
+        _log.info("%s: %s, %.1f s", _title(row), "passed" if row.passed else "FAILED", row.seconds)
+        _write(job.folder, rows)
+    Console().print(_table(rows))
+    failed = [_title(row) for row in rows if not row.passed]
+    if failed:
+        raise LabError(
+            f"{len(failed)} of {len(rows)} checks failed ({'; '.join(failed)}): see {job.folder / 'verify.csv'}."
+        )
+
+
+def _title(row: Row) -> str:
+    return f"{row.benchmark}, {row.check.name}" if row.check else f"{row.benchmark}, {row.problem}"
+
+
+def _record(row: Row) -> dict[str, Any]:
+    """The row under the names in `COLUMNS`."""
+    figures = asdict(row.check) if row.check else {}
+    return {column: None for column in COLUMNS} | {
+        "benchmark": row.benchmark, "check": figures.pop("name", None), **figures,
+        "passed": row.passed, "seconds": round(row.seconds, 2), "problem": row.problem,
+    }  # fmt: skip
+
+
+def _write(folder: Path, rows: list[Row]) -> None:
+    records = [_record(row) for row in rows]
+    with replacing(folder / "verify.json") as temporary:
+        temporary.write_text(json.dumps(records, indent=1, ensure_ascii=False), encoding="utf-8")
+    with replacing(folder / "verify.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(records)
+
+
+def _table(rows: list[Row]) -> Table:
+    table = Table(title="Verification of the mechanics")
+    for heading in ("benchmark", "reference", "obtained", "tolerance", "passed", "time [s]", "source"):
+        table.add_column(Text(heading), justify="left" if heading in ("benchmark", "source") else "right")
+    for row in rows:
+        figures = ("–", "–", "–")
+        if row.check:
+            figures = (f"{row.check.reference:.6g}", f"{row.check.obtained:.6g}", f"{row.check.tolerance:.2g}")
+        table.add_row(
+            Text(_title(row)), *figures, "yes" if row.passed else "NO", f"{row.seconds:.1f}",
+            Text(row.check.source if row.check else ""),
+        )  # fmt: skip
+    return table

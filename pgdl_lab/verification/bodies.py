@@ -1,0 +1,132 @@
+"""Bodies that are no fingers, for the solver that fingers have: blocks, rings, beams and their loads."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.mechanics.cavity import Cavity
+from pgdl_lab.mechanics.contact import Contact
+from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
+from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.finite_strain import LoadLeg
+from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.newton import solve
+from pgdl_lab.mechanics.path import Branch, follow
+from pgdl_lab.mechanics.solid import Solid
+
+if TYPE_CHECKING:
+    from skfem import MeshHex, MeshHex2
+
+Array = NDArray[np.float64]
+Where = Mapping[str, Callable[[Array], NDArray[np.bool_]]]
+
+NEWTON_MM = 1e-8
+
+
+class NoContact(Contact):
+    """Contact that never acts, and needs no skin."""
+
+    def __init__(self) -> None:
+        self.mode, self.active = "off", False
+
+
+def curved(block: "MeshHex", named: Where, place: Callable[[Array], Array]) -> "MeshHex2":
+    """`block` with all 27 nodes of its elements moved by `place` ((3, N) to (3, N)) [mm].
+
+    Boundaries are named where a function of the facet centres (3, B) of the unmoved block says so.
+    """
+    from skfem import MeshHex2
+
+    straight = MeshHex2.from_mesh(block)
+    return replace(straight, doflocs=place(straight.doflocs)).with_boundaries(block.with_boundaries(named).boundaries)
+
+
+def wavy(cells: int) -> "MeshHex":
+    """The unit cube [mm] in `cells`³ hexahedra whose inner corners are moved by a smooth wave."""
+    from skfem import MeshHex
+
+    mesh = MeshHex.init_tensor(*3 * [np.linspace(0, 1, cells + 1)])
+    wave = 0.06 * np.prod(np.sin(np.pi * mesh.p), axis=0)
+    moved = mesh.p + wave * np.array([[1.0], [-0.7], [0.8]])
+    return MeshHex(moved, mesh.t).with_boundaries({"all": lambda x: np.full(x.shape[1], True)})
+
+
+def body(
+    mesh: "MeshHex",
+    element: str,
+    material: Yeoh,
+    held: Mapping[str, str],
+    contact: Callable[[Discretisation], Contact] | None = None,
+) -> Equilibrium:
+    """Equilibrium of `mesh` without weight; pressure acts on its boundary `cavity` if it has one.
+
+    Parameters
+    ----------
+    mesh
+        The body [mm].
+    element
+        One of `pgdl_lab.mechanics.elements.ELEMENTS`.
+    material
+        Of the whole body.
+    held
+        Components, as in "xz", that are prescribed on a named boundary; on "body", everywhere.
+    contact
+        Makes the contact of the skin; None: there is none.
+    """
+    if "cavity" not in mesh.boundaries:  # any facet will do, no pressure acts
+        mesh = mesh.with_boundaries({**mesh.boundaries, "cavity": mesh.boundary_facets()[:1]})
+    discretisation = discretise(mesh, ELEMENTS[element])
+    free = np.ones(discretisation.positions.shape, dtype=bool)
+    for name, components in held.items():
+        nodes = slice(None) if name == "body" else discretisation.basis.get_dofs(name).all()
+        for component in components:
+            free[nodes, "xyz".index(component)] = False
+    touch = contact(discretisation) if contact else NoContact()
+    return Equilibrium(Solid(discretisation, material), Cavity(discretisation.basis), np.zeros(3), free, touch)
+
+
+def settle(equilibrium: Equilibrium, start: Array, pressure_mpa: float = 0.0) -> Array:
+    """Equilibrium displacement (N, 3) [mm] from `start`, whose values at held degrees of freedom stay."""
+    solver = symmetric_solver()
+    try:
+        return solve(equilibrium, solver, start, Load(1.0, pressure_mpa), NEWTON_MM).displacement
+    finally:
+        solver.close()
+
+
+def raise_load(equilibrium: Equilibrium, load: Callable[[float], Load], stop: float, first_step: float) -> Branch:
+    """Equilibria from rest as the parameter of `load` rises to `stop`; the load is linear in it."""
+    solver, slope = symmetric_solver(), load(1.0)
+
+    def driver(displacement: Array) -> Array:
+        return slope.weight * equilibrium.weight + slope.pressure_mpa * equilibrium.pressure_forces(displacement)
+
+    leg = LoadLeg(equilibrium, solver, NEWTON_MM, load, driver)
+    try:
+        return follow(leg, np.zeros_like(equilibrium.weight), stop, first_step, lambda _: None)
+    finally:
+        solver.close()
+
+
+def nodes_on(equilibrium: Equilibrium, boundary: str) -> NDArray[np.int64]:
+    """Numbers of the nodes on a named boundary."""
+    return np.asarray(equilibrium.solid.discretisation.basis.get_dofs(boundary).all(), dtype=np.int64)
+
+
+def nodal_areas(equilibrium: Equilibrium, boundary: str) -> Array:
+    """Integral of each shape function over a named boundary of the undeformed body (N,) [mm²]."""
+    import skfem
+
+    basis = equilibrium.solid.discretisation.basis
+    facets = skfem.FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=basis.elem.maxdeg)
+    areas: Array = skfem.LinearForm(lambda v, _: 1.0 * v).assemble(facets)
+    return areas
+
+
+def reaction(equilibrium: Equilibrium, displacement: Array, load: Load, nodes: NDArray[np.int64]) -> Array:
+    """Sum of the forces (3,) [N] that supports exert on `nodes`."""
+    return equilibrium.balance(displacement, load, stiffness=False).forces[nodes].sum(axis=0)
