@@ -20,8 +20,8 @@ _log = logging.getLogger(__name__)
 def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observation) -> Path:
     """Where the snapshots of this simulation lie in `folder`, computed or not.
 
-    The name holds a hash of the configuration and of the code that turns it into numbers, so that neither a changed
-    field nor an edited plugin meets old results.
+    The name holds a hash of the configuration, of the files that it names and of the code that turns it into numbers,
+    so that neither a changed field or file nor an edited plugin meets old results.
     """
     folders = [Path(entry) for entry in mechanics.__path__]
     code = sorted(path for entry in folders for path in entry.glob("*.py"))
@@ -30,6 +30,8 @@ def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observati
     what = [VERSION, describe(finger), describe(fem), [observation.snapshots, observation.points]]
     digest.update(json.dumps(what, sort_keys=True).encode())
     for path in code:
+        digest.update(path.read_bytes())
+    for path in finger.files():
         digest.update(path.read_bytes())
     return folder / f"{describe(finger)['name']}-{describe(fem)['name']}-{digest.hexdigest()[:16]}.h5"
 

@@ -1,7 +1,9 @@
 """The plugin kind `finger`: a soft body, its material and its loads."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +15,7 @@ from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.profile import Profile
 
 if TYPE_CHECKING:
-    from skfem import MeshHex
+    from skfem import Mesh, MeshHex
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,16 @@ class Finger(ABC):
         """Weight per undeformed volume along x and z (2,) [N/mm³]."""
         return self.density_kg_m3 * 1e-12 * 1e3 * np.asarray(self.gravity_m_s2)
 
+    def files(self) -> Sequence[Path]:
+        """Files that determine the finger together with its fields; results are kept under what is in them."""
+        return ()
+
     @abstractmethod
-    def mesh(self, edge_mm: float) -> "MeshHex":
+    def mesh(self, edge_mm: float) -> "Mesh":
         """Mesh of the half finger y ≥ 0 [mm], element edges at most `edge_mm` [mm].
 
-        Its named boundaries are `clamp` (held fixed), `symmetry` (y = 0) and `cavity` (under pressure).
+        Its named boundaries are `clamp` (held fixed), `symmetry` (y = 0) and `cavity` (under pressure); one without
+        `symmetry` is that of the whole finger.
         """
 
     @abstractmethod

@@ -3,6 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from skfem import MeshHex, MeshTet
+
 from pgdl_lab import registry
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
@@ -24,6 +27,19 @@ def solid(**fields: Any) -> Fem:
     """A coarse mesh of 20-node elements, or with other `fields`."""
     fem: Fem = registry.plugin("fem", "solid")(**{"edge_mm": 6.0, "element": "hex20", **fields})
     return fem
+
+
+def tetrahedra(mesh: MeshHex) -> MeshTet:
+    """Six tetrahedra for each hexahedron that is a box, with the same named boundaries."""
+    around = [[0, 1, 4, 7], [0, 1, 5, 7], [0, 2, 4, 7], [0, 2, 6, 7], [0, 3, 5, 7], [0, 3, 6, 7]]  # one diagonal
+    split = MeshTet(mesh.p, np.hstack([mesh.t[corners] for corners in around]))
+    facets = split.boundary_facets()
+    corners = split.facets[:, facets]
+    named = {}
+    for name, faces in mesh.boundaries.items():
+        inside = [np.isin(corners, mesh.facets[:, face]).all(axis=0) for face in faces]
+        named[name] = facets[np.any(inside, axis=0)]
+    return split.with_boundaries(named)
 
 
 def balloon() -> Finger:

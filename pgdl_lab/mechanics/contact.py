@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.mechanics.elements import Discretisation
-from pgdl_lab.mechanics.vtk import vtk_cells
+from pgdl_lab.mechanics.elements import Discretisation, cells_of
+from pgdl_lab.mechanics.vtk import ordered_cells
 
 if TYPE_CHECKING:
     import ipctk
@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Corners and middle nodes of the faces of a hexahedron in the order of VTK; the last is the centre, of 27-node elements
-# only.
-FACES = np.array(
+
+# Of each face its corners, middle nodes and, of 27-node hexahedra only, centre, as places in what
+# `pgdl_lab.mechanics.vtk.ordered_cells` gives.
+HEXAHEDRON = np.array(
     [
         [0, 4, 7, 3, 16, 15, 19, 11, 20],
         [1, 2, 6, 5, 9, 18, 13, 17, 21],
@@ -33,9 +34,11 @@ FACES = np.array(
         [4, 5, 6, 7, 12, 13, 14, 15, 25],
     ]
 )
-# Triangles of a face on its own nodes: corners 0–3, middles 4–7, centre 8.
+TETRAHEDRON = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
+# Triangles of a face on its own nodes, numbered as in a row above.
 AROUND_CENTRE = np.array([[a, b, 8] for a, b in [(0, 4), (4, 1), (1, 5), (5, 2), (2, 6), (6, 3), (3, 7), (7, 0)]])
 WITHOUT_CENTRE = np.array([[0, 4, 7], [1, 5, 4], [2, 6, 5], [3, 7, 6], [4, 5, 6], [4, 6, 7]])
+ON_TETRAHEDRON = np.array([[0, 3, 5], [1, 4, 3], [2, 5, 4], [3, 4, 5]])
 
 
 @dataclass(frozen=True)
@@ -154,11 +157,17 @@ def skin(discretisation: Discretisation) -> NDArray[np.int32]:
     """Triangles (T, 3) on the nodes of all boundary facets that are not part of a named boundary."""
     mesh = discretisation.basis.mesh
     facets = np.setdiff1d(mesh.boundary_facets(), np.concatenate(list((mesh.boundaries or {}).values())))
-    _, cells = vtk_cells(discretisation)
+    cells = ordered_cells(discretisation)
     owner = cells[mesh.f2t[0, facets]]
     wanted = np.sort(discretisation.basis.nodal_dofs[0, mesh.facets[:, facets]].T, axis=1)
-    face = (np.sort(owner[:, FACES[:, :4]], axis=2) == wanted[:, None]).all(axis=2).argmax(axis=1)
-    with_centre = cells.shape[1] > 20
-    nodes = np.take_along_axis(owner, FACES[face][:, : 9 if with_centre else 8], axis=1)
-    triangles = nodes[:, AROUND_CENTRE if with_centre else WITHOUT_CENTRE]
+    if cells_of(mesh) == "tetrahedra":
+        # Without the centre of a 15-node element's face: smaller triangles lie nearer to each other at rest.
+        faces, split = TETRAHEDRON, ON_TETRAHEDRON
+    elif cells.shape[1] == 20:
+        faces, split = HEXAHEDRON[:, :8], WITHOUT_CENTRE
+    else:
+        faces, split = HEXAHEDRON, AROUND_CENTRE
+    corners = np.sort(owner[:, faces[:, : len(mesh.facets)]], axis=2)
+    face = (corners == wanted[:, None]).all(axis=2).argmax(axis=1)
+    triangles = np.take_along_axis(owner, faces[face], axis=1)[:, split]
     return triangles.reshape(-1, 3).astype(np.int32)

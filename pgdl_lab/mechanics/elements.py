@@ -7,36 +7,77 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.errors import InputError
+
 if TYPE_CHECKING:
-    from skfem import CellBasis, MeshHex
+    from skfem import CellBasis, Mesh
 
 
 @dataclass(frozen=True)
 class ElementKind:
-    """A hexahedral element for nearly incompressible solids.
+    """An element for nearly incompressible solids.
 
     Attributes
     ----------
+    cells
+        What it discretises: "hexahedra" or "tetrahedra".
     shape
         Name of the scikit-fem element that interpolates each displacement component.
     quadrature_order
-        Polynomial order that the Gauss rule integrates exactly: 3 gives 2×2×2 points, 5 gives 3×3×3.
+        Polynomial order that the quadrature integrates exactly: on hexahedra 3 gives 2×2×2 points, 5 gives 3×3×3;
+        on tetrahedra 2 gives 4 points, 5 gives 14 (3 and 4 have negative weights, which the pressure modes exclude).
     pressure_modes
         Size of the discontinuous pressure space of each element: 1 is constant, 4 is linear (1, x, y, z); None takes
         the pressure at each quadrature point from the local dilatation, as a plain displacement element does.
     """
 
+    cells: str
     shape: str
     quadrature_order: int
     pressure_modes: int | None
 
 
+# The tetrahedron with 15 nodes is the conforming one of M. Crouzeix and P.-A. Raviart (RAIRO R3, 1973): quadratic, with
+# a node in each facet and one inside. With discontinuous linear pressure it is stable and of second order, as the
+# hexahedron with 27 nodes is (D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, 2013,
+# chapter 8). Without nodes in the facets even a constant pressure lacks the proof in three dimensions: on facets where
+# its mean jumps, no node lets the flow through; with linear pressure ten nodes lock.
 ELEMENTS = {
-    "hex20": ElementKind("ElementHexS2", 3, None),
-    "hex27": ElementKind("ElementHex2", 5, None),
-    "hex27_p0": ElementKind("ElementHex2", 5, 1),
-    "hex27_p1": ElementKind("ElementHex2", 5, 4),
+    "hex20": ElementKind("hexahedra", "ElementHexS2", 3, None),
+    "hex27": ElementKind("hexahedra", "ElementHex2", 5, None),
+    "hex27_p0": ElementKind("hexahedra", "ElementHex2", 5, 1),
+    "hex27_p1": ElementKind("hexahedra", "ElementHex2", 5, 4),
+    "tet10": ElementKind("tetrahedra", "ElementTetP2", 2, None),
+    "tet10_p0": ElementKind("tetrahedra", "ElementTetP2", 2, 1),
+    "tet15_p1": ElementKind("tetrahedra", "ElementTetCCR", 5, 4),
 }
+BEST = {"hexahedra": "hex27_p1", "tetrahedra": "tet15_p1"}
+AUTO = "auto"
+
+
+def cells_of(mesh: "Mesh") -> str:
+    """What `mesh` is made of: "hexahedra" or "tetrahedra"."""
+    return "tetrahedra" if len(mesh.t) == 4 else "hexahedra"
+
+
+def choose(element: str, mesh: "Mesh") -> str:
+    """Name of the element for `mesh`: `element`, or the best one there is when `element` is "auto".
+
+    Raises
+    ------
+    InputError
+        When `element` is for other cells.
+    """
+    cells = cells_of(mesh)
+    if element == AUTO:
+        return BEST[cells]
+    if ELEMENTS[element].cells != cells:
+        fitting = [name for name, kind in ELEMENTS.items() if kind.cells == cells]
+        raise InputError(
+            f"'{element}' is an element for {ELEMENTS[element].cells}, but the mesh has {cells}: "
+            f"choose fem=solid and fem.element={AUTO} or one of {', '.join(fitting)}."
+        )
+    return element
 
 
 @dataclass(frozen=True)
@@ -67,7 +108,7 @@ class Discretisation:
     modes: NDArray[np.float64]
 
 
-def discretise(mesh: "MeshHex", kind: ElementKind) -> Discretisation:
+def discretise(mesh: "Mesh", kind: ElementKind) -> Discretisation:
     """Evaluate the shape functions of `kind` on all elements of `mesh` [mm]."""
     import skfem
 

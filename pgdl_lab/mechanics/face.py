@@ -24,14 +24,14 @@ class Face:
     clamp
         (C,) int64, points of the clamped end x = 0.
     y_mm
-        The plane y = const in which the face lies [mm].
+        The plane y = const in which the face lies, or (N,) the y of each point [mm].
     """
 
     points: NDArray[np.float64]
     triangles: NDArray[np.int64]
     base: NDArray[np.int64]
     clamp: NDArray[np.int64]
-    y_mm: float
+    y_mm: float | NDArray[np.float64]
 
 
 def nodes(profile: Profile) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from pgdl_lab.errors import LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.cavity import Cavity
 from pgdl_lab.mechanics.contact import Contact
-from pgdl_lab.mechanics.elements import ELEMENTS, discretise
+from pgdl_lab.mechanics.elements import ELEMENTS, choose, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 FIRST_WEIGHT = 0.05  # of the weight
 FIRST_PRESSURE = 0.04  # of the highest pressure
+PROBED = 200  # points at a time
 
 
 @dataclass
@@ -105,7 +106,7 @@ class History:
 
 
 class Model:
-    """The half finger, meshed and held at the clamp and in the plane of symmetry.
+    """The half finger, meshed and held at the clamp and in the plane of symmetry; or the whole finger.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ class Model:
     edge_mm
         Longest element edge [mm].
     element
-        One of `pgdl_lab.mechanics.elements.ELEMENTS`.
+        One of `pgdl_lab.mechanics.elements.ELEMENTS`, or "auto".
     contact
         "auto" (from the step in which surfaces first touch), "on" (from the start) or "off".
     contact_mm
@@ -125,11 +126,13 @@ class Model:
         self, finger: Finger, edge_mm: float, element: str, contact: str = "off", contact_mm: float = 0.05
     ) -> None:
         self.mesh = finger.mesh(edge_mm)
-        self.discretisation = discretise(self.mesh, ELEMENTS[element])
+        self.element = choose(element, self.mesh)
+        self.discretisation = discretise(self.mesh, ELEMENTS[self.element])
         basis = self.discretisation.basis
         free = np.ones(self.discretisation.positions.shape, dtype=bool)
         free[basis.get_dofs("clamp").all()] = False
-        free[basis.get_dofs("symmetry").all(), 1] = False
+        if "symmetry" in self.mesh.boundaries:
+            free[basis.get_dofs("symmetry").all(), 1] = False
         touch = Contact(self.discretisation, contact_mm, finger.material.shear_modulus_mpa / 4, mode=contact)
         weight = finger.body_force_n_mm3
         self.equilibrium = Equilibrium(
@@ -186,9 +189,9 @@ class Model:
         return History(branch, complete, error, weighing + branch.iterations, sorted(inflate.unstable))
 
     def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
-        """Reaction of the support, and sum of weight and pressure: (3,) each [N], for the half finger.
+        """Reaction of the support, and sum of weight and pressure: (3,) each [N], for what is meshed.
 
-        Along x and z they cancel; along y the other half holds against the pressure.
+        Along x and z they cancel; along y the other half, where there is one, holds against the pressure.
         """
         balance = self.equilibrium.balance(displacement, Load(1.0, 1e-3 * kpa), stiffness=False)
         outer = self.equilibrium.weight + 1e-3 * kpa * self.equilibrium.pressure_forces(displacement)
@@ -207,8 +210,13 @@ class Model:
 
     def probe(self, face: Face) -> Callable[[Array], Array]:
         """Function from a displacement of all nodes (M, 3) to u_x and u_z at the points of `face` (N, 2) [mm]."""
-        at = np.vstack([face.points[:, 0], np.full(len(face.points), face.y_mm), face.points[:, 1]])
-        matrix = self.discretisation.basis.probes(at).tocsr()
+        import scipy.sparse as sp
+
+        x, z = face.points.T
+        at = np.vstack([x, np.broadcast_to(face.y_mm, len(x)), z])
+        # scikit-fem looks for every point in every element that is near any of them.
+        parts = np.array_split(at, range(PROBED, len(x), PROBED), axis=1)
+        matrix = sp.vstack([self.discretisation.basis.probes(part) for part in parts], format="csr")
         return lambda displacement: matrix @ displacement[:, [0, 2]]
 
     def cells(self) -> tuple[Array, NDArray[np.int64], str]:

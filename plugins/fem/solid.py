@@ -27,15 +27,16 @@ CONTACT_MODES = ("auto", "on", "off")
 @register("fem", "solid")
 @dataclass(frozen=True)
 class Solid(Fem):
-    """Half of the finger in hexahedra, nearly incompressible, quasi-static: weight first, then follower pressure.
+    """The finger, by symmetry half of it, nearly incompressible, quasi-static: weight first, then follower pressure.
 
     Attributes
     ----------
     edge_mm
         Longest element edge [mm].
     element
-        `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or `hex20`
-        (displacement only).
+        On hexahedra `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or
+        `hex20` (displacement only); on tetrahedra `tet15_p1` (15 nodes, discontinuous linear pressure), `tet10_p0`
+        (mean dilatation) or `tet10` (displacement only). `auto`: hex27_p1 or tet15_p1, as the mesh has it.
     contact
         Frictionless contact of the outer surfaces: `auto` (from the step in which they first touch), `on` or `off`.
     contact_mm
@@ -47,20 +48,20 @@ class Solid(Fem):
     """
 
     edge_mm: float = 3.0
-    element: str = "hex27_p1"
+    element: str = "auto"
     contact: str = "auto"
     contact_mm: float = 0.05
     newton_mm: float = 1e-6
     interpolation_mm: float = 1e-5
 
     def __post_init__(self) -> None:
-        from pgdl_lab.mechanics.elements import ELEMENTS
+        from pgdl_lab.mechanics.elements import AUTO, ELEMENTS
 
         for name in ("edge_mm", "contact_mm", "newton_mm", "interpolation_mm"):
             if not 0 < getattr(self, name) < np.inf:
                 raise InputError(f"fem.{name} is {getattr(self, name)} mm; it must be above 0.")
-        if self.element not in ELEMENTS:
-            raise InputError(f"fem.element is '{self.element}'; choose one of {', '.join(ELEMENTS)}.")
+        if self.element not in (AUTO, *ELEMENTS):
+            raise InputError(f"fem.element is '{self.element}'; choose one of {', '.join((AUTO, *ELEMENTS))}.")
         if self.contact not in CONTACT_MODES:
             raise InputError(f"fem.contact is '{self.contact}'; choose one of {', '.join(CONTACT_MODES)}.")
 
@@ -102,6 +103,7 @@ class Solid(Fem):
         return {
             "finger": describe(finger),
             "fem": describe(self),
+            "element": model.element,
             "mesh": {
                 "elements": model.mesh.nelements,
                 "nodes": len(model.discretisation.positions),

@@ -4,12 +4,13 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.cavity import Cavity
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
-from tests.fingers import pneunet
+from tests.fingers import pneunet, tetrahedra
 
 
-@pytest.fixture(scope="module", params=["hex20", "hex27_p1"])
+@pytest.fixture(scope="module", params=["hex20", "hex27_p1", "tet10_p0", "tet15_p1"])
 def mesh(request: pytest.FixtureRequest) -> Discretisation:
-    return discretise(pneunet().mesh(6.0), ELEMENTS[request.param])
+    mesh = pneunet().mesh(6.0)
+    return discretise(mesh if request.param.startswith("hex") else tetrahedra(mesh), ELEMENTS[request.param])
 
 
 def in_plane(mesh: Discretisation, field: NDArray[np.float64]) -> NDArray[np.float64]:

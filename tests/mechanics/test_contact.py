@@ -10,14 +10,15 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.contact import Contact, skin
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.snapshots import Snapshots
-from tests.fingers import OBSERVATION, pneunet, solid
+from tests.fingers import OBSERVATION, pneunet, solid, tetrahedra
 
 GAP_MM = 1.0
 
 
-@pytest.fixture(scope="module", params=["hex20", "hex27_p1"])
+@pytest.fixture(scope="module", params=["hex20", "hex27_p1", "tet10_p0"])
 def mesh(request: pytest.FixtureRequest) -> Discretisation:
-    return discretise(pneunet(gap_mm=GAP_MM).mesh(3.0), ELEMENTS[request.param])
+    mesh = pneunet(gap_mm=GAP_MM).mesh(3.0)
+    return discretise(mesh if request.param.startswith("hex") else tetrahedra(mesh), ELEMENTS[request.param])
 
 
 def closed_to(mesh: Discretisation, gap_mm: float, slip_mm: float = 0.0) -> NDArray[np.float64]:
