@@ -56,21 +56,20 @@ def load(path: Path, unit: str, clamp: str, cavity: str, symmetry: str) -> "Mesh
         )
     mesh = to_skfem(file)
     require_connected(mesh, str(path))
-    boundaries = {
-        "clamp": _facets(mesh, file, clamp, "clamp", path),
-        "cavity": _facets(mesh, file, cavity, "cavity", path),
-    }
-    if symmetry in file.groups:
-        boundaries["symmetry"] = _facets(mesh, file, symmetry, "symmetry", path)
-    _require_apart(boundaries, path)
+    boundaries: dict[str, NDArray[np.int64]] = {}
+    for field, name in (("symmetry", symmetry), ("clamp", clamp), ("cavity", cavity)):
+        if field != "symmetry" or name in file.groups:
+            boundaries[field] = _facets(mesh, file, name, field, path, boundaries)
     mesh = mesh.with_boundaries(boundaries)
     mesh = mesh.translated(-_origin(mesh, path))
     require_closed(mesh, str(path), symmetry)
     return mesh
 
 
-def _facets(mesh: "Mesh", file: MeshFile, name: str, field: str, path: Path) -> NDArray[np.int64]:
-    """Boundary facets of `mesh` in the group `name`."""
+def _facets(
+    mesh: "Mesh", file: MeshFile, name: str, field: str, path: Path, taken: dict[str, NDArray[np.int64]]
+) -> NDArray[np.int64]:
+    """Boundary facets of `mesh` in the group `name`, none of which is in those that are `taken`."""
     group = file.group(name)
     if group is None:
         raise InputError(
@@ -79,14 +78,13 @@ def _facets(mesh: "Mesh", file: MeshFile, name: str, field: str, path: Path) -> 
         )
     surface = mesh.boundary_facets()
     corners = mesh.facets[:, surface]
-    if group.dtype == bool:  # nodes: a facet belongs to them with all its corners
-        found = surface[group[corners].all(axis=0)]
+    if group.dtype == bool:
+        # Of nodes: a facet belongs to them with all its corners. Those of a rim belong to two groups, and on a coarse
+        # mesh a facet may have all its corners on it.
+        found = np.setdiff1d(surface[group[corners].all(axis=0)], np.concatenate([*taken.values(), []]))
     else:
-        known = {
-            facet: number
-            for facet, number in zip(map(tuple, np.sort(corners.T, axis=1).tolist()), surface, strict=True)
-        }
-        numbers = [known.get(facet, -1) for facet in map(tuple, np.sort(group, axis=1).tolist())]
+        number = dict(zip(map(tuple, np.sort(corners.T, axis=1).tolist()), surface, strict=True))
+        numbers = [number.get(facet, -1) for facet in map(tuple, np.sort(group, axis=1).tolist())]
         found = np.unique(numbers)
         if found[0] < 0:
             raise InputError(
@@ -95,18 +93,13 @@ def _facets(mesh: "Mesh", file: MeshFile, name: str, field: str, path: Path) -> 
             )
     if not found.size:
         raise InputError(f"The group '{name}' in {path} holds no whole facet of the surface: name its facets.")
+    for other, facets in taken.items():
+        if shared := np.intersect1d(facets, found).size:
+            raise InputError(
+                f"{shared} facets of {path} are in both the groups for finger.{other} and finger.{field}: "
+                "a facet can be in one."
+            )
     return found.astype(np.int64)
-
-
-def _require_apart(boundaries: dict[str, NDArray[np.int64]], path: Path) -> None:
-    names = list(boundaries)
-    for place, name in enumerate(names):
-        for other in names[place + 1 :]:
-            if shared := np.intersect1d(boundaries[name], boundaries[other]).size:
-                raise InputError(
-                    f"{shared} facets of {path} are in both the groups for finger.{name} and finger.{other}: "
-                    "a facet can be in one."
-                )
 
 
 def _origin(mesh: "Mesh", path: Path) -> NDArray[np.float64]:

@@ -63,7 +63,7 @@ def test_cells_are_valid_in_the_order_of_vtk(element: str) -> None:
     [
         ({"edge_mm": 0.0}, "fem.edge_mm is 0.0 mm"),
         ({"newton_mm": -1.0}, "fem.newton_mm is -1.0 mm"),
-        ({"element": "tet4"}, "fem.element is 'tet4'; choose one of hex20, hex27"),
+        ({"element": "tet4"}, "fem.element is 'tet4'; choose one of auto, hex20, hex27"),
     ],
 )
 def test_impossible_models_are_refused(fields: dict[str, object], sentence: str) -> None:
