@@ -4,6 +4,7 @@ import csv
 import json
 import logging
 from dataclasses import asdict
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.files import replacing
 from pgdl_lab.tasks import Job
 from pgdl_lab.verification import discover
@@ -28,13 +29,17 @@ def run(job: Job) -> None:
 
     Raises
     ------
+    InputError
+        When `quick` is neither true nor false.
     LabError
         When a check does not pass.
     """
+    quick = job.config.quick
+    if not isinstance(quick, bool):
+        raise InputError(f"quick is {quick!r}; it must be true or false.")
     discover()
-    chosen = [each for each in BENCHMARKS if each.quick or not job.config.quick]
     rows = []
-    for row in checks(chosen, job.config.quick):
+    for row in checks([each for each in BENCHMARKS if each.quick or not quick], quick):
         rows.append(row)
         _log.info("%s: %s, %.1f s", _title(row), "passed" if row.passed else "FAILED", row.seconds)
         _write(job.folder, rows)
@@ -71,14 +76,16 @@ def _write(folder: Path, rows: list[Row]) -> None:
 
 def _table(rows: list[Row]) -> Table:
     table = Table(title="Verification of the mechanics")
-    for heading in ("benchmark", "reference", "obtained", "tolerance", "passed", "time [s]", "source"):
-        table.add_column(Text(heading), justify="left" if heading in ("benchmark", "source") else "right")
-    for row in rows:
-        figures = ("–", "–", "–")
-        if row.check:
+    for heading in ("check", "reference", "obtained", "tolerance", "passed", "time [s]", "source"):
+        table.add_column(Text(heading), justify="left" if heading in ("check", "source") else "right")
+    for name, group in groupby(rows, key=lambda row: row.benchmark):
+        table.add_section()
+        table.add_row(Text(name, style="bold"))
+        for row in group:
+            verdict, seconds = "yes" if row.passed else "NO", f"{row.seconds:.1f}"
+            if row.check is None:
+                table.add_row(Text(row.problem), "–", "–", "–", verdict, seconds)
+                continue
             figures = (f"{row.check.reference:.6g}", f"{row.check.obtained:.6g}", f"{row.check.tolerance:.2g}")
-        table.add_row(
-            Text(_title(row)), *figures, "yes" if row.passed else "NO", f"{row.seconds:.1f}",
-            Text(row.check.source if row.check else ""),
-        )  # fmt: skip
+            table.add_row(Text(row.check.name), *figures, verdict, seconds, Text(row.check.source))
     return table

@@ -1,0 +1,88 @@
+"""Every tangent beside central differences of what it is the derivative of."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from pgdl_lab.mechanics.contact import Contact
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.registry import plugin
+from pgdl_lab.verification.benchmark import Check, benchmark
+from pgdl_lab.verification.homogeneous import HEXAHEDRA
+
+Array = NDArray[np.float64]
+
+STEP_MM = 1e-6
+SOURCE = "central differences"
+GAP_MM = 1.0  # between the two chambers of the finger
+REACH_MM = 0.1
+
+
+def off(derivative: Array, function: Callable[[Array], Array], at: Array, direction: Array) -> float:
+    """Largest error of a directional `derivative` relative to its largest entry."""
+    change = (function(at + STEP_MM * direction) - function(at - STEP_MM * direction)) / (2 * STEP_MM)
+    return float(np.abs(derivative - change).max() / np.abs(change).max())
+
+
+@benchmark("tangents against differences", quick=True)
+def tangents(quick: bool) -> Iterator[Check]:
+    """Solid, follower pressure, contact and all of them together, on a finger of two chambers that touch."""
+    random = np.random.default_rng(0)
+    finger = plugin("finger", "pneunet")(chambers=2, gap_mm=GAP_MM)
+    finger = replace(finger, material=Yeoh(c3_mpa=0.003))
+    for element in HEXAHEDRA:
+        model = Model(finger, 6.0, element)
+        mesh, free = model.discretisation, model.equilibrium.free
+        at, direction = 0.02 * random.normal(size=free.shape), random.normal(size=free.shape)
+        solid, local = Solid(mesh, finger.material), direction[mesh.nodes].reshape(len(mesh.nodes), -1)
+        stiffness = solid.response(at, stiffness=True).stiffness
+        assert stiffness is not None
+
+        def forces(u: Array, solid: Solid = solid) -> Array:
+            return solid.response(u, stiffness=False).forces
+
+        error = off((stiffness @ local[..., None])[..., 0], forces, at, direction)
+        yield Check(f"stiffness of the solid, {element}, third-order Yeoh [–]", 0.0, error, 1e-6, SOURCE)
+
+    cavity = model.equilibrium.cavity
+    local = direction[cavity.nodes].reshape(len(cavity.nodes), -1)
+    hessian = cavity.response(at, hessian=True).hessian
+    assert hessian is not None
+    error = off(
+        (hessian @ local[..., None])[..., 0], lambda u: cavity.response(u, hessian=False).gradient, at, direction
+    )
+    yield Check("load stiffness of the pressure [–]", 0.0, error, 1e-6, SOURCE)
+
+    contact = Contact(mesh, REACH_MM, finger.material.shear_modulus_mpa, "on")
+    x, _, z = mesh.positions.T
+    bottom = finger.base_mm + finger.channel_mm + finger.bridge_mm  # of the gap
+    second = (x > finger.chamber_length_mm + GAP_MM / 2) & (z > 1.01 * bottom)
+    closed = np.where(second[:, None], [0.6 * REACH_MM - GAP_MM, 0.0, 0.21], 0.0) + 0.05 * at
+    touch = contact.response(closed, hessian=True)
+    assert touch.stiffness is not None
+    error = off(
+        touch.stiffness @ direction.ravel(),
+        lambda u: contact.response(u, hessian=False).forces.ravel(),
+        closed,
+        direction,
+    )
+    yield Check("stiffness of contact [–]", 0.0, error, 1e-5, SOURCE)
+
+    equilibrium, load = model.equilibrium, Load(1.0, 0.03)
+    equilibrium.contact = contact
+    at, direction = closed * free, direction * free
+    upper = equilibrium.balance(at, load, stiffness=True).stiffness
+    assert upper is not None
+    error = off(
+        (upper + sp.triu(upper, 1).T) @ direction[free],
+        lambda u: equilibrium.balance(u, load, stiffness=False).forces[free],
+        at,
+        direction,
+    )
+    yield Check("whole stiffness as it is factorised [–]", 0.0, error, 1e-5, SOURCE)

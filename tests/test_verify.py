@@ -1,0 +1,54 @@
+"""Task `verify`: the quick benchmarks pass; a check that fails is told."""
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from omegaconf import OmegaConf
+
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.tasks import Job, verify
+from pgdl_lab.verification.benchmark import Benchmark, Check
+from tests.conftest import Lab
+
+
+def job(folder: Path, quick: Any) -> Job:
+    experiment: Any = None  # the benchmarks have their own scenes
+    return Job(experiment, OmegaConf.create({"quick": quick}), folder, None)
+
+
+def test_quick_benchmarks_pass_and_are_written_down(lab: Lab, tmp_path: Path) -> None:
+    done = lab("task=verify", "quick=true")
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = json.loads((tmp_path / "runs" / "latest" / "verify.json").read_text())
+    assert len({row["benchmark"] for row in rows}) >= 9
+    assert all(row["passed"] for row in rows)
+    assert sum(row["seconds"] for row in rows) < 120  # some 30 s on two quiet cores
+    with (tmp_path / "runs" / "latest" / "verify.csv").open(newline="") as file:
+        assert [row["check"] for row in csv.DictReader(file)] == [row["check"] for row in rows]
+
+
+def test_failures_are_told_and_do_not_hide_other_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def checks(quick: bool) -> Iterator[Check]:
+        yield Check("good [mm]", 1.0, 1.05, 0.1, "made up")
+        yield Check("bad [mm]", 1.0, float("nan"), 0.1, "made up")
+        raise RuntimeError("broken")
+
+    def more(quick: bool) -> Iterator[Check]:
+        yield Check("slow [mm]", 1.0, 1.0, 0.0, "made up")
+
+    monkeypatch.setattr(verify, "BENCHMARKS", [Benchmark("first", checks, True), Benchmark("second", more, False)])
+    with pytest.raises(LabError, match=r"2 of 4 checks failed \(first, bad \[mm\]; first, RuntimeError: broken\)"):
+        verify.run(job(tmp_path, quick=False))
+    rows = json.loads((tmp_path / "verify.json").read_text())
+    assert [row["passed"] for row in rows] == [True, False, False, True]
+    with pytest.raises(LabError, match="2 of 3"):
+        verify.run(job(tmp_path, quick=True))
+
+
+def test_quick_is_yes_or_no(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="quick is 'perhaps'"):
+        verify.run(job(tmp_path, quick="perhaps"))
