@@ -19,7 +19,7 @@ from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.solid import Solid
 
 if TYPE_CHECKING:
-    from skfem import MeshHex, MeshHex2
+    from skfem import Mesh, MeshHex, MeshHex2
 
 Array = NDArray[np.float64]
 Where = Mapping[str, Callable[[Array], NDArray[np.bool_]]]
@@ -45,18 +45,22 @@ def curved(block: "MeshHex", named: Where, place: Callable[[Array], Array]) -> "
     return replace(straight, doflocs=place(straight.doflocs)).with_boundaries(block.with_boundaries(named).boundaries)
 
 
-def wavy(cells: int) -> "MeshHex":
-    """The unit cube [mm] in `cells`³ hexahedra whose inner corners are moved by a smooth wave."""
+def wavy(cells: int, element: str) -> "Mesh":
+    """The unit cube [mm] in `cells`³ hexahedra whose inner corners are moved by a smooth wave; boundary `all`.
+
+    For an `element` that is a tetrahedron each of them is cut into six.
+    """
     from skfem import MeshHex
 
     mesh = MeshHex.init_tensor(*3 * [np.linspace(0, 1, cells + 1)])
     wave = 0.06 * np.prod(np.sin(np.pi * mesh.p), axis=0)
-    moved = mesh.p + wave * np.array([[1.0], [-0.7], [0.8]])
-    return MeshHex(moved, mesh.t).with_boundaries({"all": lambda x: np.full(x.shape[1], True)})
+    moved = MeshHex(mesh.p + wave * np.array([[1.0], [-0.7], [0.8]]), mesh.t)
+    fitting = moved.to_meshtet() if ELEMENTS[element].shape.startswith("ElementTet") else moved
+    return fitting.with_boundaries({"all": lambda x: np.full(x.shape[1], True)})
 
 
 def body(
-    mesh: "MeshHex",
+    mesh: "Mesh",
     element: str,
     material: Yeoh,
     held: Mapping[str, str],

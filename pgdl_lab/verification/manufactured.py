@@ -1,10 +1,12 @@
 """A manufactured solution of the Yeoh solid: orders of convergence near incompressibility."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.verification.benchmark import Check, benchmark
 from pgdl_lab.verification.bodies import body, settle, wavy
@@ -14,6 +16,7 @@ Array = NDArray[np.float64]
 AMPLITUDES = (0.12, 0.10, 0.08)  # of three shears in turn, x by y, y by z, z by x [mm]
 PRESSURE_MPA = 0.05  # of a smooth dilatation, small as the bulk modulus is large
 STEP_MM = 1e-3
+SOFTER = (0.49, 0.499)  # solved first: between nodes the exact motion changes volumes, a huge pressure when stiffer
 
 
 def deformation(points: Array, material: Yeoh) -> tuple[Array, Array]:
@@ -59,9 +62,9 @@ def body_force(points: Array, material: Yeoh) -> Array:
     return force
 
 
-def errors(cells: int, material: Yeoh) -> tuple[float, float]:
+def errors(cells: int, element: str, material: Yeoh) -> tuple[float, float]:
     """Errors of displacement [–] in the L² norm and the H¹ seminorm, relative to those of the displacement."""
-    equilibrium = body(wavy(cells), "hex27_p1", material, {"all": "xyz"})
+    equilibrium = body(wavy(cells, element), element, material, {"all": "xyz"})
     mesh = equilibrium.solid.discretisation
     basis = mesh.basis
     points = np.asarray(basis.global_coordinates())
@@ -70,7 +73,10 @@ def errors(cells: int, material: Yeoh) -> tuple[float, float]:
     loads = np.einsum("ieq,eaq->eai", force, shapes)
     np.add.at(equilibrium.weight, mesh.nodes, loads)  # a dead load like the weight, but not uniform
     at_nodes = deformation(mesh.positions.T, material)[0].T - mesh.positions
-    displacement = settle(equilibrium, at_nodes)
+    displacement = at_nodes
+    for poisson in [softer for softer in SOFTER if softer < material.poisson] + [material.poisson]:
+        equilibrium.solid.material = replace(material, poisson=poisson)
+        displacement = settle(equilibrium, displacement)
     found = [basis.interpolate(displacement[:, i]) for i in range(3)]
     place, gradient = deformation(points, material)
     exact, exact_gradient = place - points, gradient - np.eye(3)[:, :, None, None]
@@ -83,15 +89,17 @@ def errors(cells: int, material: Yeoh) -> tuple[float, float]:
     return norm(off) / norm(exact), norm(off_gradient) / norm(exact_gradient)
 
 
-@benchmark("manufactured Yeoh solution, hex27_p1", quick=True)
+@benchmark("manufactured Yeoh solution", quick=True)
 def manufactured(quick: bool) -> Iterator[Check]:
-    """Halve the elements and look by how much the errors fall."""
+    """Halve the elements and look by how much the errors fall, for the elements meant for rubber."""
     coarse = 3 if quick else 4
-    for poisson in (0.49, 0.4999):
-        material = Yeoh(poisson=poisson)
-        before, after = errors(coarse, material), errors(2 * coarse, material)
-        for name, expected, first, last in zip(("L²", "H¹"), (3.0, 2.0), before, after, strict=True):
-            yield Check(
-                f"ν = {poisson:g}, {coarse}³ to {2 * coarse}³ elements: order of displacement in {name} [–]",
-                expected, float(np.log2(first / last)), 0.3, "theory of quadratic elements",
-            )  # fmt: skip
+    stable = [name for name, kind in ELEMENTS.items() if kind.pressure_modes == 4]
+    for element in stable[:1] if quick else stable:
+        for poisson in (0.49, 0.4999):
+            material = Yeoh(poisson=poisson)
+            before, after = errors(coarse, element, material), errors(2 * coarse, element, material)
+            for name, expected, first, last in zip(("L²", "H¹"), (3.0, 2.0), before, after, strict=True):
+                yield Check(
+                    f"{element}, ν = {poisson:g}, {coarse}³ to {2 * coarse}³ cells: order of displacement in {name} [–]",
+                    expected, float(np.log2(first / last)), 0.3, "theory of quadratic elements",
+                )  # fmt: skip
