@@ -1,0 +1,84 @@
+"""The bellows finger: one long chamber on a flat base, its roof folded so that it can stretch."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.profile import Profile, Region
+from pgdl_lab.registry import register
+
+
+@register("finger", "bellows")
+@dataclass(frozen=True)
+class Bellows(ExtrudedFinger):
+    """Finger with a roof of square folds: crests and troughs of equal thickness over a common chamber.
+
+    From the paper: the highest pressure, 120 kPa. From the literature: the material, a printed elastomer with the Yeoh
+    coefficients that go with doi 10.1016/j.sna.2021.113199. The dimensions are guesses: u_x at 120 kPa runs from
+    −146.5 to 10.2 mm, where the paper's FEA has −150.38 … 5.015 mm.
+
+    Attributes
+    ----------
+    folds
+        Number of crests.
+    crest_mm
+        Inner length of a crest along x [mm].
+    trough_mm
+        Outer length of a trough along x [mm].
+    wall_mm
+        Thickness of the folded roof and of the end walls [mm].
+    base_mm
+        Thickness of the flat base [mm].
+    duct_mm
+        Height of the chamber below the troughs [mm].
+    fold_mm
+        Height of the crests above the troughs [mm].
+    root_mm, tip_mm
+        Solid blocks before the first and after the last fold [mm].
+    """
+
+    max_kpa: float = 120.0
+    material: Yeoh = field(default_factory=lambda: Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562))
+    width_mm: float = 20.0
+    side_wall_mm: float = 2.0
+    folds: int = 12
+    crest_mm: float = 4.0
+    trough_mm: float = 2.0
+    wall_mm: float = 2.0
+    base_mm: float = 3.0
+    duct_mm: float = 3.0
+    fold_mm: float = 8.0
+    root_mm: float = 5.0
+    tip_mm: float = 5.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.folds < 1:
+            raise InputError(f"finger.folds is {self.folds}; a bellows has at least 1.")
+        self._require_positive("crest_mm", "trough_mm", "wall_mm", "base_mm", "duct_mm", "fold_mm")
+        self._require_positive("root_mm", "tip_mm", zero=True)
+        if self.fold_mm <= self.wall_mm:
+            raise InputError(
+                f"finger.fold_mm is {self.fold_mm} mm; it must exceed finger.wall_mm ({self.wall_mm} mm), "
+                "else the roof has no folds."
+            )
+
+    def profile(self) -> Profile:
+        gap, solid, cavity = Region.GAP, Region.SOLID, Region.CAVITY
+        #           base   duct    trough's roof, flank, crest's roof
+        block = [solid, solid, solid, solid, solid]
+        crest = [solid, cavity, cavity, cavity, solid]
+        flank = [solid, cavity, solid, solid, solid]
+        trough = [solid, cavity, solid, gap, gap]
+
+        columns = [(self.root_mm, block), (self.wall_mm, block)]
+        for number in range(self.folds):
+            if number:
+                columns += [(self.wall_mm, flank), (self.trough_mm, trough), (self.wall_mm, flank)]
+            columns.append((self.crest_mm, crest))
+        columns += [(self.wall_mm, block), (self.tip_mm, block)]
+        heights = [self.base_mm, self.duct_mm, self.wall_mm, self.fold_mm - self.wall_mm, self.wall_mm]
+        return Profile.from_columns(np.cumsum([0.0, *heights]).tolist(), columns)

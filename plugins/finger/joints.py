@@ -1,0 +1,87 @@
+"""The printed finger with local bending joints: groups of chambers between stiff phalanges."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.profile import Profile, Region
+from pgdl_lab.registry import register
+
+
+@register("finger", "joints")
+@dataclass(frozen=True)
+class Joints(ExtrudedFinger):
+    """Finger that bends at joints of a few thin-walled chambers each; the phalanges carry only the air channel.
+
+    From the paper: the highest pressure, 45 kPa. From the literature: the material, a printed elastomer with the Yeoh
+    coefficients that go with doi 10.1016/j.sna.2021.113199. The dimensions are left open by the paper;
+    these bring u_z at 45 kPa to −68.98 … 0.08 mm, where the paper's FEA has −69.94 … 0.21 mm.
+
+    Attributes
+    ----------
+    joints
+        Number of joints.
+    chambers
+        Chambers of each joint.
+    chamber_mm
+        Inner length of a chamber along x [mm].
+    wall_mm
+        Thickness of the walls across x and of the roof [mm].
+    gap_mm
+        Distance between neighbouring chambers of a joint [mm].
+    phalanx_mm
+        Length of the solid between two joints [mm].
+    root_mm, tip_mm
+        Solid before the first and after the last joint [mm].
+    base_mm, channel_mm, bridge_mm, chamber_height_mm
+        From the bottom up: base, air channel, solid between the chambers, chamber above it [mm].
+    """
+
+    max_kpa: float = 45.0
+    material: Yeoh = field(default_factory=lambda: Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562))
+    width_mm: float = 16.0
+    side_wall_mm: float = 2.0
+    joints: int = 3
+    chambers: int = 3
+    chamber_mm: float = 4.0
+    wall_mm: float = 2.0
+    gap_mm: float = 1.0
+    phalanx_mm: float = 15.0
+    root_mm: float = 10.0
+    tip_mm: float = 15.0
+    base_mm: float = 3.0
+    channel_mm: float = 2.0
+    bridge_mm: float = 2.0
+    chamber_height_mm: float = 7.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("joints", "chambers"):
+            if getattr(self, name) < 1:
+                raise InputError(f"finger.{name} is {getattr(self, name)}; a finger has at least 1.")
+        lengths = ("chamber_mm", "wall_mm", "gap_mm", "phalanx_mm", "base_mm", "channel_mm", "bridge_mm")
+        self._require_positive(*lengths, "chamber_height_mm")
+        self._require_positive("root_mm", "tip_mm", zero=True)
+
+    def profile(self) -> Profile:
+        gap, solid, cavity = Region.GAP, Region.SOLID, Region.CAVITY
+        #             base   channel bridge  chamber roof
+        block = [solid, solid, solid, solid, solid]
+        bored = [solid, cavity, solid, solid, solid]
+        chamber = [solid, cavity, cavity, cavity, solid]
+        between = [solid, cavity, solid, gap, gap]
+
+        columns = [(self.root_mm, block), (self.wall_mm, block)]
+        for joint in range(self.joints):
+            if joint:
+                columns.append((self.phalanx_mm, bored))
+            for number in range(self.chambers):
+                if number:
+                    columns += [(self.wall_mm, bored), (self.gap_mm, between), (self.wall_mm, bored)]
+                columns.append((self.chamber_mm, chamber))
+        columns += [(self.wall_mm, block), (self.tip_mm, block)]
+        heights = [self.base_mm, self.channel_mm, self.bridge_mm, self.chamber_height_mm, self.wall_mm]
+        return Profile.from_columns(np.cumsum([0.0, *heights]).tolist(), columns)
