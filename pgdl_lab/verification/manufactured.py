@@ -100,6 +100,6 @@ def manufactured(quick: bool) -> Iterator[Check]:
             before, after = errors(coarse, element, material), errors(2 * coarse, element, material)
             for name, expected, first, last in zip(("L²", "H¹"), (3.0, 2.0), before, after, strict=True):
                 yield Check(
-                    f"{element}, ν = {poisson:g}, {coarse}³ to {2 * coarse}³ cells: order of displacement in {name} [–]",
+                    f"{element}, ν = {poisson:g}, {coarse}³ to {2 * coarse}³ cells: order of u in {name} [–]",
                     expected, float(np.log2(first / last)), 0.3, "theory of quadratic elements",
                 )  # fmt: skip
