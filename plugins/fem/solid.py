@@ -35,8 +35,8 @@ class Solid(Fem):
         Longest element edge [mm].
     element
         On hexahedra `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or
-        `hex20` (displacement only); on tetrahedra `tet15_p1` (15 nodes, discontinuous linear pressure), `tet10_p0`
-        (mean dilatation) or `tet10` (displacement only). `auto`: hex27_p1 or tet15_p1, as the mesh has it.
+        `hex20` (displacement only); on tetrahedra `tet10_p0` (10 nodes, mean dilatation), `tet15_p1`
+        (discontinuous linear pressure) or `tet10` (displacement only). `auto`: hex27_p1 or tet10_p0, whichever fits.
     contact
         Frictionless contact of the outer surfaces: `auto` (from the step in which they first touch), `on` or `off`.
     contact_mm
