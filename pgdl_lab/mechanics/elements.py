@@ -38,7 +38,7 @@ class ElementKind:
 
 
 # Ten-node tetrahedra lock with pressure at each point, and are unstable with discontinuous linear pressure. With a
-# constant one they did neither in any trial: the nodes on edges let the flow through facets. The one with 15 nodes, also
+# constant one they did neither in any trial: the nodes on edges let the flow through facets. That with 15 nodes, also
 # in the facets and inside, is the conforming element of M. Crouzeix and P.-A. Raviart (RAIRO R3, 1973), stable with
 # discontinuous linear pressure (D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, 2013,
 # chapter 8). Yet on the walls of fingers it errs more at three times the unknowns, since its strain without dilatation
