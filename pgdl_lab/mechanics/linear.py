@@ -1,5 +1,7 @@
 """Sparse direct solvers for symmetric matrices: MKL Pardiso where it is installed, SuperLU of SciPy elsewhere."""
 
+import os
+from importlib.metadata import PackageNotFoundError, files
 from typing import Protocol
 
 import numpy as np
@@ -39,6 +41,7 @@ class Pardiso:
     name = "MKL Pardiso"
 
     def __init__(self) -> None:
+        _name_mkl()
         from pypardiso import PyPardisoSolver
 
         self._solver = PyPardisoSolver(mtype=-2)
@@ -90,6 +93,16 @@ class SuperLU:
 
     def close(self) -> None:
         del self._factors
+
+
+def _name_mkl() -> None:
+    """Tell pypardiso where MKL lies, as pip knows; it would search the whole environment for it, twice."""
+    try:
+        library = [entry for entry in files("mkl") or () if entry.name.startswith(("libmkl_rt.", "mkl_rt.2.dll"))]
+    except PackageNotFoundError:
+        return
+    if library:
+        os.environ.setdefault("PYPARDISO_MKL_RT", str(library[0].locate()))
 
 
 def symmetric_solver() -> SymmetricSolver:
