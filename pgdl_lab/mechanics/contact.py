@@ -2,7 +2,8 @@
 
 The potential of M. Li et al., Incremental Potential Contact, ACM Transactions on Graphics 39 (2020), as the IPC Toolkit
 computes it: zero where surfaces are farther apart than a small reach, growing without bound as they meet. With it a
-step of Newton's method ends before the first penetration, so no result ever has one.
+step of Newton's method ends before the first penetration. That holds from a start without one: `penetrates` sees
+surfaces that cross, but not a body that a predictor has carried wholly through another.
 """
 
 from dataclasses import dataclass
