@@ -23,8 +23,9 @@ from pgdl_lab.mechanics.vtk import vtk_cells
 
 Array = NDArray[np.float64]
 
-FIRST_WEIGHT = 0.05  # of the weight
+FIRST_WEIGHT = 0.1  # of the weight
 FIRST_PRESSURE = 0.04  # of the highest pressure
+SAME_STIFFNESS_MM = 1e-8  # a displacement so small leaves slopes as they are, even for interpolation to 1e-5 mm
 PROBED = 200  # points at a time
 
 
@@ -60,10 +61,11 @@ class LoadLeg:
             raise NoConvergence  # so that the step is taken again, shorter
         return solution
 
-    def slope(self, displacement: Array, parameter: float) -> Array:
-        free = self.equilibrium.free
-        balance = self.equilibrium.balance(displacement, self.load(parameter), stiffness=True)
-        self.solver.factorise(balance.stiffness)
+    def slope(self, solution: Solution, parameter: float) -> Array:
+        free, displacement = self.equilibrium.free, solution.displacement
+        if solution.correction_mm > SAME_STIFFNESS_MM:
+            balance = self.equilibrium.balance(displacement, self.load(parameter), stiffness=True)
+            self.solver.factorise(balance.stiffness)
         if self.solver.negative:
             self.unstable.append(parameter)
         slope = np.zeros_like(displacement)

@@ -45,6 +45,9 @@ class Pardiso:
         from pypardiso import PyPardisoSolver
 
         self._solver = PyPardisoSolver(mtype=-2)
+        # Set by hand, these are the defaults, but for iterative refinement (8): Newton's method corrects what it would.
+        for number, value in {1: 1, 2: 3, 8: 0, 10: 8, 21: 1}.items():
+            self._solver.set_iparm(number, value)
         self._matrix: sp.csr_matrix | None = None
         self.negative = 0
 

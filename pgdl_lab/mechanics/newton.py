@@ -22,10 +22,21 @@ class NoConvergence(Exception):
 
 @dataclass(frozen=True)
 class Solution:
-    """An equilibrium: displacement (N, 3) [mm] and the number of iterations it took."""
+    """An equilibrium.
+
+    Attributes
+    ----------
+    displacement
+        (N, 3) [mm].
+    iterations
+        How many it took.
+    correction_mm
+        The last correction [mm]: how far from the equilibrium the stiffness was factorised last.
+    """
 
     displacement: Array
     iterations: int
+    correction_mm: float
 
 
 def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, tolerance_mm: float) -> Solution:
@@ -58,7 +69,7 @@ def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load:
             correction *= step_length(equilibrium, displacement, correction, load, here, descent, reach)
         displacement = displacement + correction
         if largest < tolerance_mm and reach == 1:
-            return Solution(displacement, iteration)
+            return Solution(displacement, iteration, largest)
     raise NoConvergence
 
 

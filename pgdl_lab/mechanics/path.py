@@ -30,8 +30,8 @@ class Leg(Protocol):
     def solve(self, start: Array, parameter: float) -> Solution:
         """The equilibrium at `parameter`, from the displacement `start` (N, 3) [mm]; raises NoConvergence."""
 
-    def slope(self, displacement: Array, parameter: float) -> Array:
-        """Derivative of the equilibrium with respect to the parameter (N, 3), by the tangent stiffness."""
+    def slope(self, solution: Solution, parameter: float) -> Array:
+        """Derivative of the equilibrium just solved for with respect to the parameter (N, 3)."""
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Branch:
     def add(self, leg: Leg, start: Array, parameter: float) -> None:
         """Solve for the equilibrium at `parameter` from `start` (N, 3) [mm] and put it in its place."""
         solution = leg.solve(start, parameter)
-        slope = leg.slope(solution.displacement, parameter)
+        slope = leg.slope(solution, parameter)
         place = int(np.searchsorted(self.parameters, parameter))
         self.parameters.insert(place, parameter)
         self.displacements.insert(place, solution.displacement)

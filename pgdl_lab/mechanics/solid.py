@@ -14,14 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.material import Yeoh
 
 Array = NDArray[np.float64]
 
-CHUNK = 32  # elements at a time: their arrays stay in the cache of one core
+CHUNK = 48  # elements at a time: their arrays stay in the cache of one core
+_LIBRARIES = ThreadpoolController()
 
 
 class InvertedElement(Exception):
@@ -70,7 +71,7 @@ class Solid:
             return self._respond(chunk, displacement, forces, matrices)
 
         # Two threads over chunks; inside a chunk the matrices are too small for a threaded BLAS.
-        with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as workers:
+        with _LIBRARIES.limit(limits=1, user_api="blas"), ThreadPoolExecutor(2) as workers:
             energy = sum(workers.map(part, chunks(count)))
         return Response(energy, forces, matrices)
 

@@ -37,9 +37,9 @@ class ClosedForm:
         if parameter > self.ends or np.abs(start - self.exact(parameter)).max() > self.reach_mm:
             raise NoConvergence
         self.solved.append(parameter)
-        return Solution(self.exact(parameter), 3)
+        return Solution(self.exact(parameter), 3, 0.0)
 
-    def slope(self, displacement: Array, parameter: float) -> Array:
+    def slope(self, solution: Solution, parameter: float) -> Array:
         return (self.exact(parameter + 1e-6) - self.exact(parameter - 1e-6)) / 2e-6
 
 
