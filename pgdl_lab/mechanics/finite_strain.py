@@ -49,16 +49,21 @@ class LoadLeg:
     load: Callable[[float], Load]
     driver: Callable[[Array], Array]
     unstable: list[float] = field(default_factory=list)
+    _found: dict[float, Array] = field(default_factory=dict)
 
     def solve(self, start: Array, parameter: float) -> Solution:
         """As `newton.solve`; contact that waits is brought in by the first solution that it concerns."""
         contact = self.equilibrium.contact
-        if contact.active and contact.penetrates(start):
-            raise NoConvergence
+        nearest = min(self._found, key=lambda known: abs(known - parameter), default=None)
+        before = start if nearest is None else self._found[nearest]
+        if contact.active and contact.free_step(before, start - before) < 1:
+            raise NoConvergence  # the prediction lies beyond a surface
         solution = solve(self.equilibrium, self.solver, start, self.load(parameter), self.tolerance_mm)
-        if contact.mode == "auto" and not contact.active and contact.touches(solution.displacement):
+        found = solution.displacement
+        if contact.mode == "auto" and not contact.active and (contact.near(found) or contact.passes(before, found)):
             contact.active = True
             raise NoConvergence  # so that the step is taken again, shorter
+        self._found[parameter] = found
         return solution
 
     def slope(self, solution: Solution, parameter: float) -> Array:

@@ -5,11 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from skfem import MeshHex
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.mechanics.contact import Contact, skin
+from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
+from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.finite_strain import LoadLeg
+from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.newton import NoConvergence
+from pgdl_lab.mechanics.path import follow
+from pgdl_lab.mechanics.skin import bulge, sampled, skin
 from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.verification.bodies import body
 from tests.fingers import OBSERVATION, pneunet, solid, tetrahedra
 
 GAP_MM = 1.0
@@ -22,21 +31,63 @@ def mesh(request: pytest.FixtureRequest) -> Discretisation:
 
 
 def closed_to(mesh: Discretisation, gap_mm: float, slip_mm: float = 0.0) -> NDArray[np.float64]:
-    """The second chamber moved towards the first, and up."""
-    second = (mesh.positions[:, 0] > 11) & (mesh.positions[:, 2] > 8.1)
-    return np.where(second[:, None], [gap_mm - GAP_MM, 0.0, slip_mm], 0.0)
+    """The second chamber moved towards the first, and up; its lowest row of elements is sheared, and stays straight."""
+    share = np.where(mesh.positions[:, 0] > 11, np.clip((mesh.positions[:, 2] - 8) / 3, 0, 1), 0)
+    return share[:, None] * [gap_mm - GAP_MM, 0.0, slip_mm]
 
 
 def test_skin_is_all_that_is_neither_held_nor_pressed(mesh: Discretisation) -> None:
-    corners = mesh.positions[skin(mesh)]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     side = 2 * 10.5 * 17 + 8
     around = 22 + 17 + 2 * 10.5 + 2 * 9 + 1  # base, tip, roofs, walls and bottom of the gap [mm]
-    assert area == pytest.approx(side + 8 * around)
+    for divisions in (1, 3):
+        surface = sampled(skin(mesh), mesh.positions, divisions)
+        corners = surface.rest_positions[surface.faces]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+        assert area == pytest.approx(side + 8 * around)
+        # Watertight but for the clamp, the plane of symmetry and the openings of the cavities in both.
+        edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        assert np.isin(np.unique(edges, axis=0, return_counts=True)[1], (1, 2)).all()
+
+
+def test_samples_follow_quadratic_faces_and_share_out_forces(mesh: Discretisation) -> None:
+    surface = sampled(skin(mesh), mesh.positions, 3)
+    at, x = surface.rest_positions, mesh.positions
+
+    def bend(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return 0.01 * np.stack([x[:, 2] ** 2, x[:, 0] * x[:, 1], x[:, 0] ** 2 - x[:, 1] * x[:, 2]], axis=1)
+
+    np.testing.assert_allclose(surface.displace_vertices(np.asfortranarray(bend(x))), at + bend(at), atol=1e-9)
+    pressed = np.random.default_rng(0).normal(size=at.shape)
+    forces = surface.to_full_dof(pressed.ravel()).reshape(x.shape)
+    np.testing.assert_allclose(forces.sum(axis=0), pressed.sum(axis=0))
+    np.testing.assert_allclose((forces * bend(x)).sum(), (pressed * bend(at)).sum())
+
+
+def test_bulge_bounds_how_far_faces_are_from_flat(mesh: Discretisation) -> None:
+    faces, random = skin(mesh), np.random.default_rng(0)
+    assert bulge(faces, mesh.positions) < 1e-12
+    moved = mesh.positions + 0.05 * random.normal(size=mesh.positions.shape)
+    fine, flat = (sampled(faces, mesh.positions, divisions) for divisions in (6, 1))
+    fine_at, flat_at = (
+        surface.displace_vertices(np.asfortranarray(moved - mesh.positions)) for surface in (fine, flat)
+    )
+    far = 0.0
+    for face in range(0, len(faces), 5):  # the farthest sample from the flat triangles of its own face
+        per = [len(surface.faces) // len(faces) for surface in (fine, flat)]
+        samples = np.unique(fine.faces[face * per[0] : (face + 1) * per[0]])
+        corners = flat_at[flat.faces[face * per[1] : (face + 1) * per[1]]]
+        far = max(far, *(min(point_triangle(fine_at[v], *c) for c in corners) for v in samples))
+    assert 0.02 < far <= bulge(faces, moved)
+
+
+def point_triangle(point: NDArray[np.float64], *corners: NDArray[np.float64]) -> float:
+    import ipctk
+
+    return float(ipctk.point_triangle_distance(point, *corners)) ** 0.5
 
 
 def test_derivatives_against_differences(mesh: Discretisation) -> None:
-    contact, random, step = Contact(mesh, 0.1, 0.05, "on"), np.random.default_rng(0), 1e-6
+    contact, random, step = Contact(mesh, 0.1, 0.05, "on"), np.random.default_rng(0), 1e-7
     at = closed_to(mesh, 0.06, slip_mm=0.21) + 1e-3 * random.normal(size=mesh.positions.shape)
     direction = random.normal(size=at.shape)
     here = contact.response(at, hessian=True)
@@ -60,10 +111,10 @@ def test_barrier_ends_at_its_reach_and_pushes_apart(mesh: Discretisation) -> Non
 
 def test_gaps_and_penetration_are_seen(mesh: Discretisation) -> None:
     contact = Contact(mesh, 0.1, 0.05, "auto")
-    assert not contact.touches(closed_to(mesh, 0.2))
-    assert contact.gap_mm(closed_to(mesh, 0.2)) == pytest.approx(0.2)
-    assert contact.touches(closed_to(mesh, 0.09)) and not contact.penetrates(closed_to(mesh, 0.09))
-    assert contact.touches(closed_to(mesh, -0.5)) and contact.penetrates(closed_to(mesh, -0.5, slip_mm=0.1))
+    assert not contact.near(closed_to(mesh, 0.12))
+    assert contact.gap_mm(closed_to(mesh, 0.12)) == pytest.approx(0.12)
+    assert contact.near(closed_to(mesh, 0.09)) and not contact.penetrates(closed_to(mesh, 0.09))
+    assert contact.penetrates(closed_to(mesh, -0.5, slip_mm=0.1))
 
 
 def test_free_step_ends_before_surfaces_meet(mesh: Discretisation) -> None:
@@ -96,3 +147,48 @@ def test_no_contact_where_nothing_touches() -> None:
     watched, blind = thin("auto", 4.0), thin("off", 4.0)
     assert not watched.provenance["contact"]["acted"]
     np.testing.assert_allclose(watched.displacements, blind.displacements, atol=1e-9)
+
+
+class Plates:
+    """A plate held on its left; below its right end, a millimetre apart, that of a thin block that does not move."""
+
+    def __init__(self) -> None:
+        plate = MeshHex.init_tensor(np.linspace(0, 10, 6), np.array([0.0, 2.0]), np.array([0.0, 0.5]))
+        block = MeshHex.init_tensor(np.array([9.0, 11.0, 13.0]), np.array([0.0, 2.0]), np.array([-1.5, -1.0]))
+        mesh = (plate + block).with_boundaries({"clamp": lambda x: np.isclose(x[0], 0)})
+        equilibrium = body(mesh, "hex27_p1", Yeoh(), {"clamp": "xyz"}, lambda e: Contact(e, 0.05, 0.05, "auto"))
+        self.height = equilibrium.solid.discretisation.positions[:, 2]
+        below = self.height < -0.9
+        self.tip = np.isclose(equilibrium.solid.discretisation.positions[:, 0], 10) & ~below
+        free = equilibrium.free & ~below[:, None]
+        contact = equilibrium.contact
+        self.equilibrium = Equilibrium(equilibrium.solid, equilibrium.cavity, np.array([0.0, 0.0, -1.0]), free, contact)
+        self.contact = contact
+
+    def leg(self, weight: float) -> LoadLeg:
+        """From no weight to `weight` [N/mm³] as the parameter goes to 1."""
+        return LoadLeg(
+            self.equilibrium, symmetric_solver(), 1e-6, lambda w: Load(w * weight, 0.0),
+            lambda _: weight * self.equilibrium.weight,
+        )  # fmt: skip
+
+
+def test_bodies_do_not_pass_each_other_within_a_step() -> None:
+    plates = Plates()
+    leg, rest = plates.leg(3e-5), np.zeros_like(plates.equilibrium.weight)
+    leg.solve(rest, 0.0)
+    plates.contact.mode = "off"
+    beyond = leg.solve(rest, 1.0).displacement
+    # The end of the plate is below the block, which it crosses nowhere and is not near.
+    assert (plates.height + beyond[:, 2])[plates.tip].max() < -1.9
+    assert not plates.contact.penetrates(beyond) and not plates.contact.near(beyond)
+    plates = Plates()
+    leg = plates.leg(3e-5)
+    leg.solve(rest, 0.0)
+    with pytest.raises(NoConvergence):
+        leg.solve(rest, 1.0)
+    assert plates.contact.active
+    with pytest.raises(NoConvergence):  # and so from a start beyond the block
+        leg.solve(beyond, 1.0)
+    held = follow(leg, rest, 1.0, 0.04, lambda _: None).displacements[-1]
+    assert (plates.height + held[:, 2])[plates.tip].min() > -1.0
