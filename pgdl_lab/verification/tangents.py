@@ -63,8 +63,8 @@ def tangents(quick: bool) -> Iterator[Check]:
     contact = Contact(mesh, REACH_MM, finger.material.shear_modulus_mpa, "on")
     x, _, z = mesh.positions.T
     bottom = finger.base_mm + finger.channel_mm + finger.bridge_mm  # of the gap
-    second = (x > finger.chamber_length_mm + GAP_MM / 2) & (z > 1.01 * bottom)
-    closed = np.where(second[:, None], [0.6 * REACH_MM - GAP_MM, 0.0, 0.21], 0.0) + 0.05 * at
+    tilt = np.where(x > finger.chamber_length_mm + GAP_MM / 2, np.maximum(z - bottom, 0) / (z.max() - bottom), 0.0)
+    closed = tilt[:, None] * [0.6 * REACH_MM - GAP_MM, 0.0, 0.21] + 0.05 * at
     touch = contact.response(closed, hessian=True)
     assert touch.stiffness is not None
     error = off(
