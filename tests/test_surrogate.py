@@ -12,7 +12,12 @@ from pgdl_lab.surrogate import Surrogate
 from tests.trainings import small, training
 
 discover()
-MODELS = {"mlp": {"depth": 1, "width": 8, "interval": [0.0, 1.0]}, "body": {"depth": 1, "width": 8, "modes": 16}}
+MODELS = {
+    "mlp": {"depth": 1, "width": 8, "interval": [0.0, 1.0]},
+    "body": {"depth": 1, "width": 8, "modes": 16},
+    "finite_element": {"degree": 3},
+    "pod": {"degree": 3, "rounds": 1, "draws": 8},
+}
 
 
 @pytest.fixture(scope="module", params=MODELS)
@@ -31,6 +36,18 @@ def test_one_pressure_gives_n_by_2_and_several_p_by_n_by_2(surrogate: Surrogate)
     assert surrogate.predict(points, 20) == pytest.approx(several[1], abs=1e-4)
     assert surrogate.predict(points[3:4], 20.0) == pytest.approx(several[1, 3:4], abs=1e-4)
     assert surrogate.predict(points, []).shape == (0, len(points), 2)
+
+
+def test_error_bars_have_the_shape_of_the_question(surrogate: Surrogate) -> None:
+    points = small().points
+    several = surrogate.error_bar(points, [10.0, 60.0])
+    if several is None:
+        assert surrogate.error_bar(points[:3], 10.0) is None
+        return
+    assert several.shape == (2, len(points)) and (several > 0).all()
+    assert surrogate.error_bar(points[:3], 60) == pytest.approx(several[1, :3])
+    with pytest.raises(InputError, match="points_mm has shape"):
+        surrogate.error_bar(points[0], 10.0)
 
 
 @pytest.mark.parametrize(
@@ -55,6 +72,7 @@ def test_round_trip_is_exact(surrogate: Surrogate, tmp_path: Path) -> None:
     again = pgdl_lab.load(path)
     points = small().points
     assert np.array_equal(again.predict(points, [5.0, 50.0]), surrogate.predict(points, [5.0, 50.0]))
+    assert np.array_equal(again.error_bar(points, 5.0), surrogate.error_bar(points, 5.0))
     assert again.model == surrogate.model and again.record == surrogate.record
     assert [file.name for file in tmp_path.iterdir()] == ["surrogate.pt"]
 
@@ -99,8 +117,9 @@ def test_other_files_are_refused_in_one_sentence(surrogate: Surrogate, tmp_path:
         pgdl_lab.load(tmp_path / "nothing.pt")
 
 
-def test_body_refuses_points_outside(tmp_path: Path) -> None:
-    model = plugin("model", "body")(**MODELS["body"])
+@pytest.mark.parametrize("name", ["body", "finite_element"])
+def test_points_outside_the_body_are_refused(name: str, tmp_path: Path) -> None:
+    model = plugin("model", name)(**MODELS[name])
     trained = model.fit(training(tmp_path, {"data": {}}, max_epochs=1))
     with pytest.raises(InputError, match="outside the undeformed body"):
         trained.predict([[11.0, 15.0]], 10.0)

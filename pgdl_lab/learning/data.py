@@ -42,6 +42,11 @@ class Samples:
         snapshot, node = np.divmod(indices, len(snapshots.points))
         return cls(snapshots.points[node], snapshots.pressures_kpa[snapshot], snapshots.displacements[snapshot, node])
 
+    def ranges(self) -> dict[str, list[float]]:
+        """Least and greatest value: "x_mm", "z_mm" and "pressure_kpa"."""
+        columns = {"x_mm": self.points_mm[:, 0], "z_mm": self.points_mm[:, 1], "pressure_kpa": self.pressures_kpa}
+        return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
+
 
 @dataclass(frozen=True)
 class Scene:

@@ -14,7 +14,7 @@ import torch
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.callbacks import Checkpoint, ProgressBar
-from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.data import Training
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 from pgdl_lab.learning.objective import Objective
@@ -47,7 +47,7 @@ def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
     checkpoint = _checkpoint(path, identity)
 
     def surrogate() -> NeuralSurrogate:
-        record = Record(_ranges(training.samples), dict(training.provenance), module.history)
+        record = Record(training.samples.ranges(), dict(training.provenance), module.history)
         return NeuralSurrogate(model, record, field)
 
     if checkpoint is not None and _finished(checkpoint, training):
@@ -83,11 +83,6 @@ def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
         enable_progress_bar=False,
         enable_model_summary=False,
     )
-
-
-def _ranges(samples: Samples) -> dict[str, list[float]]:
-    columns = {"x_mm": samples.points_mm[:, 0], "z_mm": samples.points_mm[:, 1], "pressure_kpa": samples.pressures_kpa}
-    return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 
 def _identity(model: NeuralModel, training: Training) -> dict[str, Any]:

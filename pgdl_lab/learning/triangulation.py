@@ -68,6 +68,31 @@ class Triangulation:
         values, functions = eigsh(stiffness, count + 1, mass, sigma=shift, v0=np.ones(shape[0]))
         return functions[:, 1:] * np.sqrt(size.sum()), values[1:]
 
+    @cached_property
+    def kinks(self) -> sp.csr_matrix:
+        """(E, N) matrix that turns nodal values into the kinks of the linear interpolant at the E inner edges.
+
+        A kink is the jump of the normal derivative, times the edge by the root of the area that belongs to it. The sum
+        of their squares is the bending energy of a plate of flat triangles (M. Bergou et al., A quadratic bending model
+        for inextensible surfaces, 2006), an integral of squared second derivatives. Linear functions have none, at free
+        edges nothing is asked for, and nothing acts across a slot.
+        """
+        edges, areas = self._edges
+        gradients = np.stack([-edges[..., 1], edges[..., 0]], axis=-1) / (2 * areas[:, None, None])
+        ends = np.sort(np.concatenate([np.roll(self.triangles, -1 - c, axis=1)[:, :2] for c in range(3)]), axis=1)
+        order = np.lexsort(ends.T)
+        first = np.flatnonzero((ends[order[1:]] == ends[order[:-1]]).all(axis=1))
+        sides = np.stack([order[first], order[first + 1]], axis=1) % len(self.triangles)  # triangles on both sides
+        along = np.diff(self.points_mm[ends[order[first]]], axis=1)[:, 0]
+        length = np.linalg.norm(along, axis=1)
+        normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length[:, None]
+        size = np.abs(areas)[sides].sum(axis=1) / 3  # the part of the body that belongs to an edge
+        jump = np.einsum("esci,ei->esc", gradients[sides], normal) * (length / np.sqrt(size))[:, None, None]
+        jump[:, 1] *= -1
+        row = np.repeat(np.arange(len(sides)), 6)
+        shape = (len(sides), len(self.points_mm))
+        return sp.csr_matrix((jump.ravel(), (row, self.triangles[sides].ravel())), shape=shape)
+
     def locate(self, points_mm: Floats) -> tuple[Ints, Floats]:
         """Corners (M, 3) of the triangles around points (M, 2) [mm], and the points' weights (M, 3) on them.
 

@@ -2,7 +2,7 @@
 
 import os
 from importlib.metadata import PackageNotFoundError, files
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -29,7 +29,7 @@ class SymmetricSolver(Protocol):
         """Factorise the matrix whose upper triangle is given."""
 
     def solve(self, right_hand_side: Array) -> Array:
-        """Solve for one vector (n,)."""
+        """Solve for one vector (n,) or several, as columns (n, m)."""
 
     def close(self) -> None:
         """Give back the memory of the factors."""
@@ -62,7 +62,8 @@ class Pardiso:
         self.negative = int(self._solver.get_iparm(23))
 
     def solve(self, right_hand_side: Array) -> Array:
-        return self._run(33, self._matrix, np.ascontiguousarray(right_hand_side)[:, None])[:, 0]
+        columns = np.asfortranarray(right_hand_side.reshape(len(right_hand_side), -1))
+        return self._run(33, self._matrix, columns).reshape(right_hand_side.shape)
 
     def _run(self, phase: int, matrix: sp.csr_matrix | None, right_hand_side: Array) -> Array:
         self._solver.set_phase(phase)
@@ -82,6 +83,7 @@ class SuperLU:
 
     def __init__(self) -> None:
         self.negative = 0
+        self._factors: Any = None
 
     def factorise(self, upper: sp.csr_matrix) -> None:
         from scipy.sparse.linalg import splu
@@ -95,7 +97,7 @@ class SuperLU:
         return solution
 
     def close(self) -> None:
-        del self._factors
+        self._factors = None
 
 
 def _name_mkl() -> None:

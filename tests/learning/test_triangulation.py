@@ -36,6 +36,30 @@ def test_derivatives_of_a_quadratic_are_exact() -> None:
         assert matrix @ values == pytest.approx(derivative, abs=1e-8)
 
 
+def test_linear_functions_have_no_kinks() -> None:
+    body = rectangle(24)
+    x, z = body.points_mm.T
+    assert np.abs(body.kinks @ (3 + 2 * x - z)).max() < 1e-10
+
+
+@pytest.mark.parametrize("power", [(2, 0), (0, 2), (1, 1)])
+def test_squared_kinks_add_up_to_an_integral_of_squared_second_derivatives(power: tuple[int, int]) -> None:
+    def energy(cells: int) -> float:
+        x, z = rectangle(cells).points_mm.T
+        return float(((rectangle(cells).kinks @ (x ** power[0] * z ** power[1])) ** 2).sum())
+
+    # by how much flat triangles are stiffer than a plate depends on their shape, but not on their size
+    assert energy(24) > 2.0 * 2  # 2 mm² with |∇²u|² of at least 2
+    assert energy(48) == pytest.approx(energy(24), rel=0.05)
+
+
+def test_kinks_do_not_act_across_a_slot() -> None:
+    body = Triangulation(*comb(2.5))
+    tooth = (body.points_mm[:, 0] < 11) & (body.points_mm[:, 1] > 8)
+    beyond = (body.points_mm[:, 0] > 11) & (body.points_mm[:, 1] > 8)
+    assert tooth.any() and not (body.kinks[:, tooth].T @ body.kinks)[:, beyond].nnz
+
+
 def test_located_points_are_their_triangles_weighted_corners() -> None:
     body = Triangulation(*comb(2.0))
     weights = np.random.default_rng(0).dirichlet(np.ones(3), len(body.triangles))

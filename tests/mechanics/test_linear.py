@@ -42,3 +42,11 @@ def test_factorises_again_with_new_values(solver: SymmetricSolver) -> None:
     solver.factorise(sp.csr_matrix((2 * upper.data, upper.indices, upper.indptr), shape=upper.shape))
     np.testing.assert_allclose(solver.solve(right), first / 2, rtol=1e-8, atol=1e-12)
     solver.close()
+
+
+def test_solves_several_columns_at_once(solver: SymmetricSolver) -> None:
+    full = matrix(0, seed=0)
+    columns = np.random.default_rng(1).normal(size=(full.shape[0], 3))
+    solver.factorise(sp.triu(full).tocsr())
+    np.testing.assert_allclose(full @ solver.solve(columns), columns, atol=1e-8)
+    solver.close()

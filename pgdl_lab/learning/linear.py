@@ -1,0 +1,78 @@
+"""Models that are fitted by linear least squares."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.model import Model
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+    from pgdl_lab.learning.separable import SeparableRegression
+    from pgdl_lab.surrogate import Record
+
+
+@dataclass(frozen=True)
+class LinearModel(Model):
+    """Hat functions on the body times polynomials in the pressure, fitted by linear least squares; no network.
+
+    The clamp is held exactly and of the losses only the data count: others are refused if they need derivatives.
+
+    Attributes
+    ----------
+    degree
+        Degree of the polynomials in the pressure.
+    """
+
+    degree: int = 7
+
+    def __post_init__(self) -> None:
+        if self.degree < 1:
+            raise InputError(f"model.degree is {self.degree}; it must be at least 1.")
+
+    @abstractmethod
+    def learn(self, regression: SeparableRegression, training: Training) -> Mapping[str, Tensor]:
+        """What the surrogate's state holds beside the body, see `NodalSurrogate`."""
+
+    def fit(self, training: Training) -> NodalSurrogate:
+        import numpy as np
+        import torch
+        from threadpoolctl import threadpool_limits
+
+        from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+        from pgdl_lab.learning.separable import SeparableRegression
+        from pgdl_lab.learning.triangulation import Triangulation
+        from pgdl_lab.surrogate import Record
+
+        residuals = [name for name, loss in training.losses.items() if loss.order > 0]
+        if residuals:
+            raise InputError(
+                f"A linear model is fitted to data alone and cannot take in loss {', '.join(residuals)}; "
+                "leave it out or choose a neural model."
+            )
+        scene, samples = training.scene, training.samples
+        body = Triangulation(scene.points_mm, scene.triangles)
+        range_kpa = np.array([0.0, samples.pressures_kpa.max()])
+        regression = SeparableRegression(body, scene.clamp, samples, range_kpa, self.degree)
+        with threadpool_limits(training.trainer.threads), closing(regression):
+            learnt = self.learn(regression, training)
+        state = {
+            "points_mm": torch.from_numpy(scene.points_mm),
+            "triangles": torch.from_numpy(scene.triangles),
+            "range_kpa": torch.from_numpy(range_kpa),
+            **learnt,
+        }
+        return NodalSurrogate(self, Record(samples.ranges(), dict(training.provenance)), state)
+
+    def restore(self, state: Mapping[str, Tensor], record: Record) -> NodalSurrogate:
+        from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+
+        return NodalSurrogate(self, record, state)

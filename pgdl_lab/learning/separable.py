@@ -1,0 +1,199 @@
+"""Regression of a displacement field by Gaussian processes whose covariance separates into place and pressure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.polynomial.chebyshev import chebvander
+from numpy.typing import NDArray
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.mechanics.linear import symmetric_solver
+
+Floats = NDArray[np.float64]
+
+RIDGE = 1e-9  # precision of what neither the kinks nor the data fix; against 1 for a kink
+NOISE_FLOOR = (
+    1e-6  # least standard deviation of the noise, by the root mean square of the data: keeps digits for solves
+)
+
+FIRST_DECAY = 0.2  # of the kinks from one order in the pressure to the next, before anything is known of them
+FIRST_NOISE = 3e-6  # standard deviation of the noise by the root mean square of the data, likewise
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is assumed of the field before the data are seen.
+
+    Attributes
+    ----------
+    covariance
+        (K, K), of the kinks of the coefficients of K Chebyshev polynomials in the pressure, from one order to another.
+    noise_mm
+        Standard deviation of what the data err by [mm].
+    """
+
+    covariance: Floats
+    noise_mm: float
+
+    @classmethod
+    def falling(cls, slope: float, decay: float, degree: int, noise_mm: float) -> Prior:
+        """Orders that know nothing of each other, and whose kinks fall from `slope` by the factor `decay` per order."""
+        return cls(np.diag((slope * decay ** np.arange(degree + 1)) ** 2), noise_mm)
+
+    @cached_property
+    def amplitudes(self) -> Floats:
+        """(K, K), a square root of the covariance: columns are modes of the pressure, the strongest first."""
+        variances, directions = np.linalg.eigh(self.covariance)
+        return (directions * np.sqrt(np.maximum(variances, np.finfo(float).tiny)))[:, ::-1]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of the field after the data were seen: u(x, p) = Σ modes(x) · amplitudes(p).
+
+    Attributes
+    ----------
+    prior
+        What was assumed.
+    modes
+        (N, K, 2), the mean at the nodes; the prior's amplitudes carry the unit [mm].
+    draws
+        (N, K, S), random draws of the deviation from the mean, which is alike for u_x and u_z.
+    """
+
+    prior: Prior
+    modes: Floats
+    draws: Floats
+
+
+def chebyshev(pressures_kpa: Floats, range_kpa: Floats, degree: int) -> Floats:
+    """Chebyshev polynomials (P, degree + 1) at pressures (P,), which are mapped from `range_kpa` (2,) to −1 … 1."""
+    low, high = range_kpa
+    return chebvander((2 * pressures_kpa - low - high) / (high - low), degree)
+
+
+class SeparableRegression:
+    """Coefficients of hat functions on the body times Chebyshev polynomials in the pressure, from scattered data.
+
+    A priori the kinks of the field (see `Triangulation.kinks`) are independent Gaussian variables, each a polynomial in
+    the pressure with one covariance K × K for all. That is thin-plate smoothing along the body with its own weight for
+    each mode of the pressure, and the posterior mean is one sparse linear least-squares solve for both components.
+    The covariance is learnt by expectation-maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006,
+    section 9.4), and what the data err by from the degrees of freedom that the fit leaves them (D. MacKay, Bayesian
+    interpolation, 1992). Its principal axes are the proper orthogonal modes of the field, found from scattered points.
+
+    Parameters
+    ----------
+    body
+        The triangulated body.
+    clamp
+        (C,), nodes whose displacement is zero.
+    samples
+        The data.
+    range_kpa
+        (2,), pressures that are mapped to −1 … 1 [kPa].
+    degree
+        Degree in the pressure.
+    """
+
+    def __init__(
+        self, body: Triangulation, clamp: NDArray[np.int64], samples: Samples, range_kpa: Floats, degree: int
+    ) -> None:
+        self.samples = samples
+        self.degree = degree
+        self.length_mm = float(np.linalg.norm(np.ptp(body.points_mm, axis=0)))
+        self.nodes = len(body.points_mm)
+        self.free = np.setdiff1d(np.arange(self.nodes), clamp)
+        self.kinks = body.kinks[:, self.free]
+        corners, weights = body.locate(samples.points_mm)
+        row = np.repeat(np.arange(len(corners)), 3)
+        hats = sp.csr_matrix((weights.ravel(), (row, corners.ravel())), shape=(len(corners), self.nodes))[:, self.free]
+        hats.data[np.abs(hats.data) < 1e-9] = 0  # a point at a node has one weight, not three
+        hats.eliminate_zeros()
+        self.hats = hats
+        self._solver = symmetric_solver()
+        self.polynomials = chebyshev(samples.pressures_kpa, range_kpa, degree)
+
+    def first_prior(self) -> Prior:
+        """A prior that is wide for any finger: kinks up to the mean slope of the displacement, little noise.
+
+        Raises
+        ------
+        InputError
+            When no training point moves.
+        """
+        size_mm = float(np.sqrt((self.samples.displacements_mm**2).mean()))
+        if size_mm == 0:
+            raise InputError("The displacement of every training point is 0 mm: there is nothing to learn from.")
+        return Prior.falling(size_mm / self.length_mm, FIRST_DECAY, self.degree, FIRST_NOISE * size_mm)
+
+    def posterior(
+        self, prior: Prior, draws: int, rng: np.random.Generator, kept: NDArray[np.bool_] | None = None
+    ) -> Posterior:
+        """Mean and random draws of the field given the samples, or those that are `kept` (n,).
+
+        A draw of the deviation is the fit to noise of its own (G. Papandreou & A. Yuille, Gaussian sampling by local
+        perturbations, 2010).
+        """
+        order = self.degree + 1
+        scaled = self.polynomials @ prior.amplitudes / prior.noise_mm
+        # what is left out counts with weight 0, so that the pattern of the matrix and its ordering stay
+        design = self._products(self.hats, scaled if kept is None else scaled * kept[:, None])
+        kinks = sp.kron(self.kinks, sp.identity(order), format="csr")
+        normal = design.T @ design + kinks.T @ kinks + RIDGE * sp.identity(design.shape[1])
+        noise = rng.standard_normal((design.shape[0], draws)), rng.standard_normal((kinks.shape[0], draws))
+        data = design.T @ (self.samples.displacements_mm / prior.noise_mm)
+        self._solver.factorise(sp.triu(normal, format="csr"))
+        solution = self._solver.solve(np.concatenate([data, design.T @ noise[0] + kinks.T @ noise[1]], axis=1))
+        everywhere = np.zeros((self.nodes, order, 2 + draws))
+        everywhere[self.free] = solution.reshape(len(self.free), order, -1)
+        return Posterior(prior, everywhere[..., :2], everywhere[..., 2:])
+
+    def close(self) -> None:
+        """Give back the memory of the factors."""
+        self._solver.close()
+
+    @staticmethod
+    def _products(hats: sp.csr_matrix, polynomials: Floats) -> sp.csr_matrix:
+        """(n, N K): rows are the products of a row of `hats` (n, N) and one of `polynomials` (n, K)."""
+        order = polynomials.shape[1]
+        counts = np.diff(hats.indptr)
+        columns = hats.indices[:, None] * order + np.arange(order)
+        values = hats.data[:, None] * np.repeat(polynomials, counts, axis=0)
+        shape = (hats.shape[0], hats.shape[1] * order)
+        return sp.csr_matrix((values.ravel(), columns.ravel(), hats.indptr * order), shape=shape)
+
+    def at_samples(self, posterior: Posterior) -> tuple[Floats, Floats]:
+        """Mean (n, 2) and draws of the deviation (n, S) at all samples [mm]."""
+        polynomials = self.polynomials @ posterior.prior.amplitudes
+
+        def evaluated(nodal: Floats) -> Floats:
+            count = nodal.shape[2]
+            local = (self.hats @ nodal[self.free].reshape(len(self.free), -1)).reshape(len(polynomials), -1, count)
+            return np.einsum("nk,nkc->nc", polynomials, local)
+
+        return evaluated(posterior.modes), evaluated(posterior.draws)
+
+    def learnt(self, posterior: Posterior) -> Prior:
+        """The prior that explains the data better than the one that `posterior` was found with."""
+        prior, draws = posterior.prior, posterior.draws.shape[2]
+        order = len(prior.covariance)
+
+        def second_moment(nodal: Floats) -> Floats:
+            kinks = (self.kinks @ nodal[self.free].reshape(len(self.free), -1)).reshape(-1, order, nodal.shape[2])
+            return np.einsum("ekc,elc->kl", kinks, kinks)
+
+        moment = second_moment(posterior.modes) / 2 + second_moment(posterior.draws) / draws
+        covariance = prior.amplitudes @ moment @ prior.amplitudes.T / len(self.free)
+        mean, deviation = self.at_samples(posterior)
+        data = self.samples.displacements_mm
+        used = (deviation**2).sum(axis=0).mean() / prior.noise_mm**2  # degrees of freedom per component
+        left = max(len(data) - used, 1e-2 * len(data))
+        noise_mm = np.sqrt(((mean - data) ** 2).sum() / 2 / left)
+        return Prior(covariance, max(noise_mm, NOISE_FLOOR * np.sqrt((data**2).mean())))

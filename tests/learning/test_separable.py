@@ -1,0 +1,127 @@
+"""The separable regression against dense algebra, and on fields that are drawn from its own prior."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.calibration import bar_deviations
+from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
+from pgdl_lab.learning.triangulation import Triangulation
+from tests.learning.test_triangulation import rectangle
+
+RANGE_KPA = np.array([0.0, 50.0])
+PRIOR = Prior(np.array([[1.0, 0.3, 0.0], [0.3, 0.5, 0.0], [0.0, 0.0, 0.01]]), 0.02)
+
+
+def drawn(body: Triangulation, count: int, seed: int) -> tuple[SeparableRegression, np.ndarray]:
+    """Samples of a field that is drawn from `PRIOR`, zero on the left edge, and the field's coefficients (N, 3, 2)."""
+    rng = np.random.default_rng(seed)
+    nodes = len(body.points_mm)
+    clamp = np.flatnonzero(body.points_mm[:, 0] == 0)
+    free = np.setdiff1d(np.arange(nodes), clamp)
+    kinks = body.kinks[:, free].toarray()
+    root = np.linalg.cholesky(np.linalg.inv(kinks.T @ kinks + 1e-6 * np.eye(len(free))))
+    field = np.zeros((nodes, 3, 2))
+    field[free] = np.einsum("nm,mkc,lk->nlc", root, rng.normal(size=(len(free), 3, 2)), PRIOR.amplitudes)
+    node, kpa = rng.integers(nodes, size=count), rng.uniform(0, 50, count)
+    values = np.einsum("nk,nkc->nc", chebyshev(kpa, RANGE_KPA, 2), field[node])
+    values += PRIOR.noise_mm * rng.normal(size=values.shape)
+    return SeparableRegression(body, clamp, Samples(body.points_mm[node], kpa, values), RANGE_KPA, 2), field
+
+
+def coefficients(posterior: Posterior) -> np.ndarray:
+    return np.einsum("lk,nkc->nlc", posterior.prior.amplitudes, posterior.modes)
+
+
+def dense(regression: SeparableRegression) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (3 M, 2) and covariance (3 M, 3 M) of the coefficients of the M free nodes, by the textbook formula."""
+    hats, kinks = regression.hats.toarray(), regression.kinks.toarray()
+    design = np.einsum("nk,nm->nmk", regression.polynomials, hats).reshape(len(hats), -1)
+    precision = np.kron(kinks.T @ kinks, np.linalg.inv(PRIOR.covariance)) + design.T @ design / PRIOR.noise_mm**2
+    covariance = scipy.linalg.inv(precision)
+    return covariance @ design.T @ regression.samples.displacements_mm / PRIOR.noise_mm**2, covariance
+
+
+def test_mean_and_draws_are_those_of_the_textbook_formula() -> None:
+    regression, _ = drawn(rectangle(3), 60, seed=0)
+    count = 4000
+    posterior = regression.posterior(PRIOR, count, np.random.default_rng(1))
+    mean, covariance = dense(regression)
+    free = regression.free
+    assert coefficients(posterior)[free].reshape(mean.shape) == pytest.approx(mean, abs=1e-6)
+    draws = np.einsum("lk,nks->nls", PRIOR.amplitudes, posterior.draws)[free].reshape(len(mean), count)
+    ratio = (draws**2).mean(axis=1) / np.diag(covariance)
+    # each is chi-squared with 4000 degrees of freedom by 4000: deviation sqrt(2 / 4000) = 0.022; five of them
+    assert np.abs(ratio - 1).max() < 0.11
+
+
+def test_left_out_samples_do_not_count() -> None:
+    body = rectangle(4)
+    regression, _ = drawn(body, 200, seed=0)
+    kept = np.arange(200) < 120
+    samples = regression.samples
+    fewer = Samples(samples.points_mm[kept], samples.pressures_kpa[kept], samples.displacements_mm[kept])
+    clamp = np.setdiff1d(np.arange(len(body.points_mm)), regression.free)
+    alone = SeparableRegression(body, clamp, fewer, RANGE_KPA, 2).posterior(PRIOR, 0, np.random.default_rng(0))
+    among = regression.posterior(PRIOR, 0, np.random.default_rng(0), kept)
+    assert among.modes == pytest.approx(alone.modes, abs=1e-8)
+
+
+def test_clamp_is_held_exactly() -> None:
+    regression, _ = drawn(rectangle(4), 100, seed=0)
+    posterior = regression.posterior(PRIOR, 2, np.random.default_rng(0))
+    held = np.setdiff1d(np.arange(regression.nodes), regression.free)
+    assert len(held) == 5 and not posterior.modes[held].any() and not posterior.draws[held].any()
+
+
+def test_prior_and_noise_are_learnt_from_the_data() -> None:
+    regression, _ = drawn(rectangle(12), 3000, seed=0)
+    prior, rng = regression.first_prior(), np.random.default_rng(1)
+    for _ in range(8):
+        prior = regression.learnt(regression.posterior(prior, 16, rng))
+    # 3000 samples less the degrees of freedom that the field takes up leave the noise known to about 2 %
+    assert prior.noise_mm == pytest.approx(PRIOR.noise_mm, rel=0.1)
+    # 2 · 156 kinked nodes: the variance of each order is known to sqrt(2 / 312) = 8 % at best
+    assert np.diag(prior.covariance)[:2] == pytest.approx(np.diag(PRIOR.covariance)[:2], rel=0.4)
+    assert prior.covariance[0, 1] > 0.1
+
+
+def test_bars_cover_what_they_promise() -> None:
+    regression, field = drawn(rectangle(12), 1500, seed=3)
+    rng = np.random.default_rng(1)
+    posterior = regression.posterior(PRIOR, 64, rng)
+    kpa, deviations = bar_deviations(regression, PRIOR, 64, rng)
+    assert kpa[0] == regression.samples.pressures_kpa.max() and kpa[1] > kpa[0]
+    # the data are of the model's own making: nearly 1.96 deviations, known from 150 samples
+    assert deviations[0] == pytest.approx(1.96, rel=0.2) and deviations[1] >= deviations[0]
+    polynomials = chebyshev(np.linspace(0, 50, 11), RANGE_KPA, 2)
+    error = np.einsum("pk,nkc->pnc", polynomials, coefficients(posterior) - field)[:, regression.free]
+    spread = np.einsum("pk,kl,nls->pns", polynomials, PRIOR.amplitudes, posterior.draws)[:, regression.free]
+    covered = np.abs(error) < 1.96 * np.sqrt((spread**2).mean(axis=2))[..., None]
+    assert 0.9 < covered.mean() < 0.99
+
+
+def test_polynomials_beyond_the_trained_pressures_go_on() -> None:
+    body = rectangle(6)
+    rng = np.random.default_rng(0)
+    node, kpa = rng.integers(len(body.points_mm), size=600), rng.uniform(0, 44, 600)
+
+    def truth(points: np.ndarray, kpa: np.ndarray) -> np.ndarray:
+        x, share = points[:, 0], kpa / 50
+        return np.stack([x**2 * share - x * share**3, x * points[:, 1] * share**2], axis=1)
+
+    samples = Samples(body.points_mm[node], kpa, truth(body.points_mm[node], kpa))
+    trained = np.array([0.0, 44.0])
+    regression = SeparableRegression(body, np.flatnonzero(body.points_mm[:, 0] == 0), samples, trained, 5)
+    posterior = regression.posterior(regression.first_prior(), 0, np.random.default_rng(0))
+    top = np.einsum("k,nkc->nc", chebyshev(np.array([50.0]), trained, 5)[0], coefficients(posterior))
+    assert np.abs(top - truth(body.points_mm, np.full(len(top), 50.0))).max() < 1e-2
+
+
+def test_points_that_never_move_are_refused() -> None:
+    body = rectangle(3)
+    samples = Samples(body.points_mm, np.full(len(body.points_mm), 10.0), np.zeros_like(body.points_mm))
+    with pytest.raises(InputError, match="every training point is 0 mm"):
+        SeparableRegression(body, np.array([0]), samples, RANGE_KPA, 2).first_prior()

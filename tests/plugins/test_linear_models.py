@@ -1,0 +1,67 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.registry import discover, plugin
+from pgdl_lab.surrogate import Surrogate
+from tests.trainings import TRAIN, small, training
+
+discover()
+
+
+def fitted(name: str, folder: Path, **fields: int) -> Surrogate:
+    surrogate = plugin("model", name)(**fields).fit(training(folder, {"data": {}, "boundary": {}}))
+    assert isinstance(surrogate, Surrogate)
+    return surrogate
+
+
+def errors(surrogate: Surrogate) -> np.ndarray:
+    """Errors (m, 2) of the points that were not trained on [mm]."""
+    data = small()
+    error = surrogate.predict(data.points, data.pressures_kpa) - data.displacements
+    return np.delete(error.reshape(-1, 2), TRAIN, axis=0)
+
+
+def test_learnt_modes_beat_the_single_fit_and_both_follow_every_chamber(tmp_path: Path) -> None:
+    single, learnt = fitted("finite_element", tmp_path), fitted("pod", tmp_path)
+    # 398 points in a field that turns by 90 degrees: a network needs minutes for 1e-2 mm²
+    assert (errors(single) ** 2).mean() < 1e-2
+    assert (errors(learnt) ** 2).mean() < (errors(single) ** 2).mean()
+
+
+def test_bars_of_pod_cover_the_unseen_points_and_grow_beyond_the_trained_pressures(tmp_path: Path) -> None:
+    surrogate, data = fitted("pod", tmp_path, degree=6), small()
+    bars = surrogate.error_bar(data.points, data.pressures_kpa)
+    assert bars is not None
+    unseen = np.delete(bars.ravel(), TRAIN)[:, None]
+    assert 0.9 < (np.abs(errors(surrogate)) <= unseen).mean() < 0.99
+    top, beyond, far = (np.median(surrogate.error_bar(data.points, kpa)) for kpa in (50.0, 60.0, 75.0))
+    assert top < beyond < far
+    held = surrogate.error_bar(data.points[data.clamp], 30.0)
+    assert held is not None and held.max() < bars.min() * 1.01
+
+
+def test_a_fit_repeats_exactly(tmp_path: Path) -> None:
+    first, second = (fitted("pod", tmp_path, degree=3, rounds=1, draws=8) for _ in range(2))
+    for name, tensor in first.state().items():
+        assert tensor.equal(second.state()[name]), name
+
+
+def test_losses_with_derivatives_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot take in loss navier_cauchy"):
+        plugin("model", "finite_element")().fit(training(tmp_path, {"data": {}, "navier_cauchy": {}}))
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "words"),
+    [
+        ("finite_element", {"degree": 0}, "model.degree is 0"),
+        ("pod", {"rounds": -1}, "model.rounds is -1"),
+        ("pod", {"degree": 10, "draws": 10}, "model.draws is 10"),
+    ],
+)
+def test_settings_are_checked(name: str, fields: dict[str, int], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        plugin("model", name)(**fields)
