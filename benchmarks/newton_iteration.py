@@ -25,6 +25,7 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.material import FirstInvariantMaterial
 
 LOAD = Load(1.0, 0.0)
 
@@ -61,6 +62,7 @@ def general_assembly(
     vector = np.empty(basis.N)
     vector[order] = displacement.ravel()
     material, identity = finger.material, np.eye(3)[:, :, None, None]
+    assert isinstance(material, FirstInvariantMaterial)
 
     @skfem.BilinearForm
     def stiffness(u, v, w):  # type: ignore[no-untyped-def]

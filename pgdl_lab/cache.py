@@ -25,7 +25,7 @@ def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observati
     """
     folders = [Path(entry) for entry in mechanics.__path__]
     code = sorted(path for entry in folders for path in entry.glob("*.py"))
-    code += [Path(inspect.getfile(type(part))) for part in (finger, fem)]
+    code += [Path(inspect.getfile(type(part))) for part in (finger, finger.material, fem)]
     digest = hashlib.sha256()
     what = [VERSION, describe(finger), describe(fem), [observation.snapshots, observation.points]]
     digest.update(json.dumps(what, sort_keys=True).encode())

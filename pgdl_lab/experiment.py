@@ -14,7 +14,7 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.loss import Loss
 from pgdl_lab.model import Model
-from pgdl_lab.registry import KINDS, config_node, plugin
+from pgdl_lab.registry import KINDS, PARTS, config_node, restored
 from pgdl_lab.snapshots import Observation
 from pgdl_lab.split import Split
 
@@ -84,7 +84,8 @@ def save(config: DictConfig, path: Path) -> None:
 
 def _named(parent: DictConfig, key: str, fields: dict[str, Any]) -> dict[str, Any]:
     chosen: Any = OmegaConf.get_type(parent, key)
-    return {"name": chosen.name, **fields}
+    parts = {part: _named(parent[key], part, fields[part]) for part, whole in PARTS.items() if whole == key}
+    return {"name": chosen.name, **fields, **parts}
 
 
 def restore(path: Path) -> DictConfig:
@@ -98,16 +99,12 @@ def restore(path: Path) -> DictConfig:
     stored: Any = OmegaConf.load(path)
     for kind in KINDS:
         if kind == "loss":
-            stored[kind] = {key: _typed(kind, fields) for key, fields in stored[kind].items()}
+            stored[kind] = {key: restored(kind, fields) for key, fields in stored[kind].items()}
         else:
-            stored[kind] = _typed(kind, stored[kind])
+            stored[kind] = restored(kind, stored[kind])
     for name, settings in SETTINGS.items():
         stored[name] = OmegaConf.merge(config_node(settings), stored[name])
     return stored
-
-
-def _typed(kind: str, fields: DictConfig) -> Any:
-    return OmegaConf.merge(config_node(plugin(kind, fields.pop("name"))), fields)
 
 
 def resumed(config: DictConfig, folder: Path, overrides: list[str]) -> DictConfig:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.face import Face, observe
-from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.material import Material, Yeoh
 from pgdl_lab.mechanics.profile import Profile
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Finger(ABC):
     max_kpa: float = 50.0
     gravity_m_s2: list[float] = field(default_factory=lambda: [0.0, -9.81])
     density_kg_m3: float = 1130.0
-    material: Yeoh = field(default_factory=Yeoh)
+    material: Material = field(default_factory=Yeoh)
 
     def __post_init__(self) -> None:
         if not 0 < self.max_kpa < np.inf:

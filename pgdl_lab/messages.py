@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.registry import choices, closest, names
+from pgdl_lab.registry import PARTS, choices, closest, field_names, names
 
 EXPECTED = (LabError, HydraException, OmegaConfBaseException)
 """Errors whose sentence says all; others need their traceback."""
@@ -48,6 +48,11 @@ def _unknown_key(error: ConfigKeyError | ConfigAttributeError) -> str:
     place = str(error.full_key or name).rpartition(".")[0]
     if place == "loss" and name in names("loss"):
         return f"The loss '{name}' is not chosen: type loss=[{','.join([*known, name])}] too."
+    whole, _, part = place.rpartition(".")
+    if PARTS.get(part) == whole:
+        owners = [f"{whole}/{part}={other}" for other in names(part) if name in field_names(part, other)]
+        if owners:
+            return f"'{name}' is a field of {' and '.join(owners)}, which is not chosen: type that too."
     return _unknown(name, known, f"{place} field" if place else "choice or setting")
 
 

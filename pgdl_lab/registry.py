@@ -13,24 +13,26 @@ import importlib
 import json
 import logging
 import pkgutil
-from collections.abc import Callable, Iterable
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, fields
 from difflib import get_close_matches
 from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf, flag_override
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.paths import CONF
 
 KINDS = ("finger", "fem", "split", "loss", "model")
 """The plugin kinds: each is a config group, a folder in `plugins/` and an abstract class in `pgdl_lab/`."""
+PARTS = {"material": "finger"}
+"""Plugin kinds that are a field of another kind, here of `finger`: their config group is `finger/material`."""
 
 _log = logging.getLogger(__name__)
-_plugins: dict[str, dict[str, type]] = {kind: {} for kind in KINDS}
+_plugins: dict[str, dict[str, type]] = {kind: {} for kind in (*KINDS, *PARTS)}
 
 Plugin = TypeVar("Plugin", bound=type)
 
@@ -45,7 +47,7 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
     InputError
         If there is no such kind, or another class has that name.
     """
-    known = _plugins[closest(kind, KINDS, "plugin kind")]
+    known = _plugins[closest(kind, _plugins, "plugin kind")]
 
     def decorate(cls: Plugin) -> Plugin:
         other = known.get(name)
@@ -54,17 +56,42 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
         named: Any = cls
         named.kind, named.name = kind, name
         known[name] = cls
+        node = config_node(cls)
+        # Hydra cannot put one part in the place of another, so that each comes in by the defaults list.
+        own = [{part: _own_part(node, part, kind, name)} for part, whole in PARTS.items() if whole == kind]
+        if own:
+            with flag_override(node, "struct", False):
+                node["defaults"] = ["_self_", *own]
         # Several losses act at once, so each has its own place `loss.<name>`.
-        package = f"loss.{name}" if kind == "loss" else None
-        ConfigStore.instance().store(group=kind, name=name, node=config_node(cls), package=package, provider="pgdl_lab")
+        _store(
+            f"{PARTS[kind]}/{kind}" if kind in PARTS else kind, name, node, f"loss.{name}" if kind == "loss" else None
+        )
         return cls
 
     return decorate
 
 
-def config_node(cls: type) -> DictConfig:
-    """Typed configuration of a plugin class with its defaults, open to overrides."""
-    node: DictConfig = OmegaConf.structured(cls)
+def _store(group: str, name: str, node: DictConfig, package: str | None = None) -> None:
+    ConfigStore.instance().store(group=group, name=name, node=node, package=package, provider="pgdl_lab")
+
+
+def _own_part(node: DictConfig, part: str, kind: str, name: str) -> str:
+    """Take the default of a `part` out of `node`; what to type for it.
+
+    That is the name of its plugin, or, if the plugin `name` gives it values of its own, `name`.
+    """
+    own: Any = OmegaConf.to_object(node[part])
+    node[part] = MISSING
+    if own == type(own)():
+        chosen: str = own.name
+        return chosen
+    _store(f"{kind}/{part}", name, config_node(own))
+    return name
+
+
+def config_node(plugin: Any) -> DictConfig:
+    """Typed configuration of a plugin class with its defaults, or of an instance; open to overrides."""
+    node: DictConfig = OmegaConf.structured(plugin)
     _lift_readonly(node)
     return node
 
@@ -72,7 +99,7 @@ def config_node(cls: type) -> DictConfig:
 def _lift_readonly(node: Any) -> None:
     """Open a node to overrides: OmegaConf makes those of frozen dataclasses read-only, nested ones too."""
     if isinstance(node, DictConfig) and not node._is_none() and not node._is_missing():
-        node._set_flag("readonly", None)
+        node._set_flag("readonly", False)  # None would give way to that of a node this one is merged into
         for key in node:
             _lift_readonly(node._get_node(key))
 
@@ -89,7 +116,7 @@ def discover() -> None:
 
 
 def _modules() -> Iterable[str]:
-    for kind in KINDS:
+    for kind in _plugins:
         try:
             package = importlib.import_module(f"pgdl_lab.plugins.{kind}")
         except ModuleNotFoundError:
@@ -133,8 +160,10 @@ def plugin(kind: str, name: str) -> type:
 def choices(group: str) -> list[str]:
     """What may be typed after `group=`: registered plugins and YAML files of `conf/<group>/`, sorted."""
     files = (path.stem for path in (CONF / group).glob("*.yaml"))
-    stored = ConfigStore.instance().repo.get(group, {})
-    return sorted({*files, *(key.removesuffix(".yaml") for key in stored)})
+    stored: Any = ConfigStore.instance().repo
+    for folder in group.split("/"):
+        stored = stored.get(folder, {})
+    return sorted({*files, *(key.removesuffix(".yaml") for key in stored if key.endswith(".yaml"))})
 
 
 def closest(name: str, known: Iterable[str], what: str) -> str:
@@ -154,10 +183,35 @@ def closest(name: str, known: Iterable[str], what: str) -> str:
 
 
 def describe(plugin: Any) -> dict[str, Any]:
-    """Name and fields of a plugin instance, in JSON types only."""
-    fields = {"name": plugin.name, **asdict(plugin)}
-    described: dict[str, Any] = json.loads(json.dumps(fields, default=_plain))
+    """Name and fields of a plugin instance and of its parts, in JSON types only."""
+    values = {"name": plugin.name, **asdict(plugin)}
+    for part in PARTS.keys() & values.keys():
+        values[part] = describe(getattr(plugin, part))
+    described: dict[str, Any] = json.loads(json.dumps(values, default=_plain))
     return described
+
+
+def restored(kind: str, description: Mapping[str, Any]) -> DictConfig:
+    """Typed configuration from what `describe` gave.
+
+    Raises
+    ------
+    InputError
+        If a plugin that it names is no longer there.
+    """
+    values = dict(description)
+    node = config_node(plugin(kind, values.pop("name")))
+    for part in PARTS.keys() & values.keys():
+        if "name" in values[part]:
+            node[part] = restored(part, values.pop(part))
+    merged = OmegaConf.merge(node, values)
+    assert isinstance(merged, DictConfig)
+    return merged
+
+
+def field_names(kind: str, name: str) -> list[str]:
+    """Fields of a registered plugin."""
+    return [field.name for field in fields(plugin(kind, name))]
 
 
 def _plain(value: Any) -> Any:

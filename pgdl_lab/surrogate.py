@@ -19,7 +19,8 @@ from torch import Tensor
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.model import Model
-from pgdl_lab.registry import config_node, describe, discover, plugin
+from pgdl_lab.registry import describe, discover
+from pgdl_lab.registry import restored as node_of
 
 FORMAT = "pgdl_lab surrogate"
 VERSION = 1
@@ -165,9 +166,7 @@ def load(path: str | Path) -> Surrogate:
         )
     discover()
     try:
-        fields = dict(content["model"])
-        node = config_node(plugin("model", fields.pop("name")))
-        model: Any = OmegaConf.to_object(OmegaConf.merge(node, fields))
+        model: Any = OmegaConf.to_object(node_of("model", content["model"]))
         restored: Surrogate = model.restore(content["state"], Record(**content["record"]))
         return restored
     except InputError:

@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -16,6 +17,9 @@ atexit.register(shutil.rmtree, _root, ignore_errors=True)
 os.environ["PGDL_LAB_ROOT"] = _root  # before anything imports pgdl_lab.paths
 os.environ.pop("MLFLOW_TRACKING_URI", None)
 
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
 CHECKOUT = Path(__file__).resolve().parents[1]
 Lab = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -23,6 +27,18 @@ Lab = Callable[..., subprocess.CompletedProcess[str]]
 def environment(root: Path) -> dict[str, str]:
     """Environment of a process with a root of its own, which finds this package and `tests`."""
     return {**os.environ, "PGDL_LAB_ROOT": str(root), "OMP_NUM_THREADS": "1", "PYTHONPATH": str(CHECKOUT)}
+
+
+def composed(*typed: str) -> "DictConfig":
+    """The configuration that the command line makes of what is `typed`."""
+    from hydra import compose, initialize_config_dir
+
+    from pgdl_lab.cli import store_choices
+    from pgdl_lab.paths import CONF
+
+    store_choices()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("config", list(typed))
 
 
 @pytest.fixture(scope="session")

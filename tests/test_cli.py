@@ -68,7 +68,12 @@ def test_help_and_configuration_load_nothing_heavy(option: list[str]) -> None:
 def test_help_names_the_choices(lab: Lab, quick: Path) -> None:
     done = lab("--help")
     assert done.returncode == 0
-    for choices in (r"finger: .*pneunet", r"fem: .*quick, .*solid", r"task: .*simulate, .*train"):
+    for choices in (
+        r"finger: .*pneunet",
+        r"finger/material: .*ogden, yeoh",
+        r"fem: .*quick, .*solid",
+        r"task: .*simulate, .*train",
+    ):
         assert re.search(f"^{choices}", done.stdout, re.MULTILINE)
     assert "python -m pgdl_lab split=extrapolate" in done.stdout
     assert not (quick.parents[1] / "runs").exists()
@@ -97,6 +102,13 @@ def test_configuration_shows_every_value(lab: Lab) -> None:
             "loss.navier_cauchy.weight=3",
             r"The loss 'navier_cauchy' is not chosen: type loss=\[data,boundary,navier_cauchy\] too",
         ),
+        ("finger/material=mooney", r"There is no finger/material 'mooney'\. Did you mean .*mooney_rivlin, ogden, yeoh"),
+        ("finger.material.c4_mpa=1", r"There is no finger\.material field 'c4_mpa'\. .*Choices: .*c3_mpa"),
+        (
+            "finger.material.c10_mpa=0.1",
+            r"'c10_mpa' is a field of finger/material=mooney_rivlin, which is not chosen: type that too\.",
+        ),
+        ("finger.material.c2_mpa=-0.05", r"The material \(c1_mpa=0.11, .*\) softens: .* it must be stable up to 2"),
         ("+finger.walls=3", r"A field was added that does not exist .*'walls'"),
         ("finger.chambers=six", r"finger\.chambers: Value 'six' of type 'str' could not be converted to Integer"),
         ("finger.wall_mm=-3", r"finger\.wall_mm is -3\.0 mm; it must be above 0"),

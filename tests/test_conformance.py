@@ -7,25 +7,30 @@ from dataclasses import fields
 from typing import Any
 
 import pytest
-from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 
 from pgdl_lab import registry
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
 from pgdl_lab.loss import Loss
+from pgdl_lab.mechanics.material import Material
 from pgdl_lab.model import Model
 from pgdl_lab.split import Split
+from tests.conftest import composed
 
-BASES = {"fem": Fem, "finger": Finger, "loss": Loss, "model": Model, "split": Split}
+BASES = {"fem": Fem, "finger": Finger, "loss": Loss, "material": Material, "model": Model, "split": Split}
 
 registry.discover()
-PLUGINS = [pytest.param(kind, name, id=f"{kind}={name}") for kind in registry.KINDS for name in registry.names(kind)]
+PLUGINS = [pytest.param(kind, name, id=f"{kind}={name}") for kind in BASES for name in registry.names(kind)]
 
 
 def stored(kind: str, name: str) -> DictConfig:
-    """The node that the command line sees."""
-    node = ConfigStore.instance().repo[kind][f"{name}.yaml"].node
+    """What the command line composes for a plugin."""
+    whole = registry.PARTS.get(kind)
+    typed = f"loss=[{name}]" if kind == "loss" else f"{whole}/{kind}={name}" if whole else f"{kind}={name}"
+    node = composed(typed)
+    for key in (whole, kind, name if kind == "loss" else None):
+        node = node if key is None else node[key]
     assert isinstance(node, DictConfig)
     return node
 
@@ -46,6 +51,9 @@ class TestPlugin:
         if module.startswith("pgdl_lab.plugins."):
             assert module == f"pgdl_lab.plugins.{kind}.{name}"
 
+    def test_is_composed_with_the_defaults_of_its_class(self, kind: str, name: str) -> None:
+        assert default(kind, name) == registry.plugin(kind, name)()
+
     def test_survives_pickling(self, kind: str, name: str) -> None:
         plugin = default(kind, name)
         assert pickle.loads(pickle.dumps(plugin)) == plugin
@@ -53,9 +61,8 @@ class TestPlugin:
     def test_description_makes_it_again(self, kind: str, name: str) -> None:
         plugin = default(kind, name)
         description = json.loads(json.dumps(registry.describe(plugin)))
-        assert description.pop("name") == name
-        again = OmegaConf.to_object(OmegaConf.merge(registry.config_node(type(plugin)), description))
-        assert again == plugin
+        assert description["name"] == name
+        assert OmegaConf.to_object(registry.restored(kind, description)) == plugin
 
     def test_is_frozen_but_configurable(self, kind: str, name: str) -> None:
         plugin, node = default(kind, name), stored(kind, name)

@@ -1,22 +1,22 @@
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig
+from omegaconf import OmegaConf
 
 from pgdl_lab import experiment, registry
-from pgdl_lab.cli import store_choices
 from pgdl_lab.errors import InputError
-from pgdl_lab.paths import CONF
+from pgdl_lab.mechanics.material import Yeoh
+from tests.conftest import composed
 
-
-def composed(*typed: str) -> DictConfig:
-    store_choices()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("config", list(typed))
-
-
-TYPED = ["finger.chambers=4", "split=extrapolate", "loss=[data,boundary]", "loss.boundary.weight=2", "seed=5"]
+TYPED = [
+    "finger.chambers=4",
+    "finger/material=ogden",
+    "finger.material.alpha=[1.5,4]",
+    "split=extrapolate",
+    "loss=[data,boundary]",
+    "loss.boundary.weight=2",
+    "seed=5",
+]
 
 
 def test_an_experiment_is_made_of_plugins() -> None:
@@ -34,6 +34,35 @@ def test_a_stored_configuration_makes_the_same_experiment(tmp_path: Path) -> Non
     assert experiment.Experiment.from_config(restored) == experiment.Experiment.from_config(config)
     experiment.save(restored, tmp_path / "again.yaml")
     assert (tmp_path / "again.yaml").read_text() == (tmp_path / "config.yaml").read_text()
+
+
+def test_a_stored_configuration_without_the_law_has_that_of_the_finger(tmp_path: Path) -> None:
+    experiment.save(composed("finger=joints", "finger.material.c1_mpa=0.6"), tmp_path / "config.yaml")
+    stored = OmegaConf.load(tmp_path / "config.yaml")
+    assert stored.finger.material.pop("name") == "yeoh"
+    OmegaConf.save(stored, tmp_path / "config.yaml")
+    made = experiment.Experiment.from_config(experiment.restore(tmp_path / "config.yaml"))
+    assert made.finger.material == Yeoh(c1_mpa=0.6, c2_mpa=0.0, c3_mpa=0.002562)
+
+
+@pytest.mark.parametrize(
+    ("typed", "wanted"),
+    [
+        (["finger=joints"], Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562)),
+        (["finger=joints", "finger.material.c2_mpa=0.1"], Yeoh(c1_mpa=0.5056, c2_mpa=0.1, c3_mpa=0.002562)),
+        (["finger=joints", "finger/material=yeoh"], Yeoh()),
+        (["finger=pneunet", "finger/material=joints"], Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562)),
+        (["finger=pneunet_calibrated", "finger.material.poisson=0.48"], Yeoh(poisson=0.48)),
+    ],
+)
+def test_a_finger_is_of_its_own_material_unless_another_is_typed(typed: list[str], wanted: Yeoh) -> None:
+    assert experiment.Experiment.from_config(composed(*typed)).finger.material == wanted
+
+
+def test_another_law_takes_the_place_of_the_fingers_own() -> None:
+    typed = ["finger=bellows", "finger/material=mooney_rivlin", "finger.material.c10_mpa=0.1"]
+    material = experiment.Experiment.from_config(composed(*typed)).finger.material
+    assert registry.describe(material) == {"name": "mooney_rivlin", "poisson": 0.49, "c10_mpa": 0.1, "c01_mpa": 0.02}
 
 
 def test_a_stored_plugin_that_is_gone_is_named(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import sys
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra.core.config_store import ConfigStore
@@ -23,12 +24,16 @@ class Odd:
 """
 
 
+def copied(folder: dict[str, Any]) -> dict[str, Any]:
+    return {key: copied(entry) if isinstance(entry, dict) else entry for key, entry in folder.items()}
+
+
 @pytest.fixture(autouse=True)
 def clean(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the registry, Hydra's store and the imported modules as they were."""
     monkeypatch.setattr(registry, "_plugins", {kind: dict(known) for kind, known in registry._plugins.items()})
     store = ConfigStore.instance()
-    monkeypatch.setattr(store, "repo", {key: dict(v) if isinstance(v, dict) else v for key, v in store.repo.items()})
+    monkeypatch.setattr(store, "repo", copied(store.repo))
     monkeypatch.setattr(sys, "modules", sys.modules.copy())
 
 

@@ -17,6 +17,7 @@ from pgdl_lab.cache import simulate, snapshot_path
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
+from pgdl_lab.registry import plugin
 from pgdl_lab.snapshots import Body, DamagedSnapshots, Observation, Snapshots
 from tests.fingers import OBSERVATION, balloon, pneunet, solid
 
@@ -144,10 +145,11 @@ def test_everything_that_determines_a_simulation_is_in_its_name(tmp_path: Path) 
         snapshot_path(tmp_path, finger, fem, OBSERVATION),
         snapshot_path(tmp_path, pneunet(gap_mm=1.1), fem, OBSERVATION),
         snapshot_path(tmp_path, replace(finger, material=replace(finger.material, poisson=0.48)), fem, OBSERVATION),
+        snapshot_path(tmp_path, replace(finger, material=plugin("material", "mooney_rivlin")()), fem, OBSERVATION),
         snapshot_path(tmp_path, finger, replace(fem, seconds=1.0), OBSERVATION),
         snapshot_path(tmp_path, finger, fem, replace(OBSERVATION, points=900)),
     }
-    assert len(paths) == 5
+    assert len(paths) == 6
 
 
 def test_edited_code_does_not_meet_old_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,12 @@
 """Internal forces of a nearly incompressible hyperelastic solid and their exact tangent.
 
-Two-field form: W = W_iso(Ī₁) + p (J − 1) − p²/(2 K), with the pressure p discontinuous between elements, so that it
+Two-field form: W = W_iso + p (J − 1) − p²/(2 K), with the pressure p discontinuous between elements, so that it
 condenses out of each element and the stiffness stays symmetric (T. Sussman, K.-J. Bathe, Computers & Structures 26,
 1987).
 
-With f = F ∇N and h = F⁻ᵀ ∇N for each shape function N, every term of the tangent but two is a product of f and h. The
-stiffness of an element is then one matrix product over its quadrature points, and no fourth-order tensor is formed.
+A law of the first invariant is short: with f = F ∇N and h = F⁻ᵀ ∇N for each shape function N, every term of the tangent
+but two is a product of f and h. The stiffness of an element is then one matrix product over its quadrature points, and
+no fourth-order tensor is formed. Any other law gives its second Piola–Kirchhoff stress and its tangent.
 """
 
 from collections.abc import Iterator
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from pgdl_lab.mechanics.elements import Discretisation
-from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.invariants import COLUMNS, PLACES, ROWS
+from pgdl_lab.mechanics.material import FirstInvariantMaterial, Material
 
 Array = NDArray[np.float64]
 
@@ -51,7 +53,7 @@ class Response:
 class Solid:
     """The hyperelastic body: energy, forces and stiffness of all its elements."""
 
-    def __init__(self, discretisation: Discretisation, material: Yeoh) -> None:
+    def __init__(self, discretisation: Discretisation, material: Material) -> None:
         self.discretisation = discretisation
         self.material = material
 
@@ -86,45 +88,136 @@ class Solid:
         for i in range(3):
             f[:, i, i] += 1
         h, j = inverse_transpose(f)
-        shrink = j ** (-2 / 3)
-        invariant = shrink * np.einsum("eijq,eijq->eq", f, f)
-        w1, w2 = law.derivatives(invariant)
         dilatation = np.einsum("emq,eq->em", modes, w * (j - 1))
         pressure = law.bulk_modulus_mpa * np.einsum("em,emq->eq", dilatation, modes)
-
-        fg = np.einsum("eijq,eajq->eaiq", f, grad).reshape(e, 3 * a, q)
         hg = np.einsum("eijq,eajq->eaiq", h, grad).reshape(e, 3 * a, q)
-        # First Piola stress P = along_f F + along_h F⁻ᵀ.
-        along_f = 2 * shrink * w1
-        along_h = -2 / 3 * invariant * w1 + pressure * j
-        forces[chunk] = (np.matmul(fg, (w * along_f)[..., None]) + np.matmul(hg, (w * along_h)[..., None]))[..., 0]
-        energy = float((w * law.energy(invariant)).sum() + law.bulk_modulus_mpa / 2 * (dilatation**2).sum())
-        if matrices is None:
-            return energy
+        volume = None
+        if matrices is not None:
+            volume = np.matmul(hg, (np.sqrt(law.bulk_modulus_mpa) * w * j)[..., None] * modes.transpose(0, 2, 1))
 
-        ff = 4 * w2 * shrink**2
-        fh = -4 / 3 * shrink * (w1 + w2 * invariant)
-        hh = 4 / 9 * invariant * (w1 + w2 * invariant) + pressure * j
-        volume = np.matmul(hg, (w * j)[..., None] * modes.transpose(0, 2, 1))  # derivative of the dilatation
-        left = np.concatenate(
-            [
-                (w * ff)[:, None] * fg + (w * fh)[:, None] * hg,
-                (w * fh)[:, None] * fg + (w * hh)[:, None] * hg,
-                law.bulk_modulus_mpa * volume,
-            ],
-            axis=2,
-        )
-        right = np.concatenate([fg, hg, volume], axis=2)
-        matrix = np.matmul(left, right.transpose(0, 2, 1)).reshape(e, a, 3, a, 3)
+        state = _State(grad, w, f, j, hg, pressure * j, volume)
+        if isinstance(law, FirstInvariantMaterial):
+            energy, forces[chunk], matrix = _first_invariant(law, state)
+        else:
+            energy, forces[chunk], matrix = _isochoric(law, state)
+        if matrices is not None:
+            matrices[chunk] = matrix
+        return energy + float(law.bulk_modulus_mpa / 2 * (dilatation**2).sum())
+
+
+@dataclass(frozen=True)
+class _State:
+    """The deformation of E elements.
+
+    Attributes
+    ----------
+    gradients, weights
+        As in `Discretisation`.
+    f
+        (E, 3, 3, Q) deformation gradient F.
+    j
+        (E, Q) its determinant.
+    h
+        (E, 3 A, Q) F⁻ᵀ ∇N of each shape function and component [1/mm].
+    swelling
+        (E, Q) pressure times det F [MPa].
+    volume
+        (E, 3 A, M) derivative of the dilatation, times the root of the bulk modulus; None if no stiffness is wanted.
+    """
+
+    gradients: Array
+    weights: Array
+    f: Array
+    j: Array
+    h: Array
+    swelling: Array
+    volume: Array | None
+
+    def matrix(self, product: Array, along_h: Array, laplace: Array) -> Array:
+        """Stiffness (E, 3 A, 3 A) from its parts.
+
+        Parameters
+        ----------
+        product
+            (E, 3 A, 3 A) all that is a product of vectors; it is overwritten [N/mm].
+        along_h
+            (E, Q) part of the first Piola stress along F⁻ᵀ, times the weights [N mm].
+        laplace
+            (E, A, A) what each component of the displacement has by itself [N/mm].
+        """
+        e, a = self.gradients.shape[:2]
+        matrix = product.reshape(e, a, 3, a, 3)
         # −along_h h_ak h_bi: an outer product with its two components exchanged.
-        exchanged = np.matmul((w * -along_h)[:, None] * hg, hg.transpose(0, 2, 1)).reshape(e, a, 3, a, 3)
+        exchanged = np.matmul(-along_h[:, None] * self.h, self.h.transpose(0, 2, 1)).reshape(e, a, 3, a, 3)
         matrix += exchanged.transpose(0, 1, 4, 3, 2)
-        flat = grad.reshape(e, a, 3 * q)
-        laplace = np.matmul(flat * np.tile(w * along_f, 3)[:, None], flat.transpose(0, 2, 1))
         for i in range(3):
             matrix[:, :, i, :, i] += laplace
-        matrices[chunk] = matrix.reshape(e, 3 * a, 3 * a)
-        return energy
+        return product
+
+
+def _first_invariant(law: FirstInvariantMaterial, state: _State) -> tuple[float, Array, Array | None]:
+    """Isochoric energy, forces and, if `state` has what it takes, stiffness for a law W_iso(Ī₁)."""
+    grad, w, hg = state.gradients, state.weights, state.h
+    e, a, _, q = grad.shape
+    shrink = state.j ** (-2 / 3)
+    invariant = shrink * np.einsum("eijq,eijq->eq", state.f, state.f)
+    w1, w2 = law.derivatives(invariant)
+    fg = np.einsum("eijq,eajq->eaiq", state.f, grad).reshape(e, 3 * a, q)
+    # First Piola stress P = along_f F + along_h F⁻ᵀ.
+    along_f = 2 * shrink * w1
+    along_h = -2 / 3 * invariant * w1 + state.swelling
+    forces = (np.matmul(fg, (w * along_f)[..., None]) + np.matmul(hg, (w * along_h)[..., None]))[..., 0]
+    energy = float((w * law.energy(invariant)).sum())
+    if state.volume is None:
+        return energy, forces, None
+
+    ff = w * (4 * w2 * shrink**2)
+    fh = w * (-4 / 3 * shrink * (w1 + w2 * invariant))
+    hh = w * (4 / 9 * invariant * (w1 + w2 * invariant) + state.swelling)
+    left = [ff[:, None] * fg + fh[:, None] * hg, fh[:, None] * fg + hh[:, None] * hg, state.volume]
+    product = outer(left, [fg, hg, state.volume])
+    flat = grad.reshape(e, a, 3 * q)
+    laplace = np.matmul(flat * np.tile(w * along_f, 3)[:, None], flat.transpose(0, 2, 1))
+    return energy, forces, state.matrix(product, w * along_h, laplace)
+
+
+def _isochoric(law: Material, state: _State) -> tuple[float, Array, Array | None]:
+    """As `_first_invariant`, for any law."""
+    grad, w, hg = state.gradients, state.weights, state.h
+    e, a, _, q = grad.shape
+    answer = law.isochoric(
+        np.einsum("eijq,eikq->jkeq", state.f, state.f)[ROWS, COLUMNS], tangent=state.volume is not None
+    )
+    stress = (w * answer.stress)[PLACES]
+    flat = grad.reshape(e, a, 3 * q)
+    first_piola = np.einsum("eijq,jkeq->ekqi", state.f, stress).reshape(e, 3 * q, 3)
+    forces = np.matmul(flat, first_piola).reshape(e, 3 * a)
+    forces += np.matmul(hg, (w * state.swelling)[..., None])[..., 0]
+    energy = float((w * answer.energy).sum())
+    if answer.tangent is None or state.volume is None:
+        return energy, forces, None
+
+    # Strain components for each displacement of a node, the last three doubled.
+    slopes = np.repeat(grad.transpose(0, 3, 2, 1), 3, axis=3)  # (E, Q, 3, 3 A)
+    columns = np.tile(state.f.transpose(0, 3, 2, 1), (1, 1, 1, a))  # of F, one in each row
+    strains = np.empty((e, q, 6, 3 * a))
+    for number, (i, k) in enumerate(zip(ROWS, COLUMNS, strict=True)):
+        np.multiply(slopes[:, :, i], columns[:, :, k], out=strains[:, :, number])
+        if i != k:
+            strains[:, :, number] += slopes[:, :, k] * columns[:, :, i]
+    stresses = np.matmul(np.moveaxis(w * answer.tangent, (0, 1), (-2, -1)), strains)
+    left, right = (each.reshape(e, 6 * q, 3 * a) for each in (stresses, strains))
+    product = np.matmul(left.transpose(0, 2, 1), right)
+    along_h = w * state.swelling
+    product += outer([along_h[:, None] * hg, state.volume], [hg, state.volume])
+    pulled = np.einsum("eajq,jkeq->eakq", grad, stress).reshape(e, a, 3 * q)
+    laplace = np.matmul(pulled, flat.transpose(0, 2, 1))
+    return energy, forces, state.matrix(product, along_h, laplace)
+
+
+def outer(left: list[Array], right: list[Array]) -> Array:
+    """Sum (E, D, D) of the outer products of the columns of `left` with those of `right`, each (E, D, …)."""
+    return np.matmul(np.concatenate(left, axis=2), np.concatenate(right, axis=2).transpose(0, 2, 1))
 
 
 def chunks(count: int) -> Iterator[slice]:

@@ -13,7 +13,7 @@ from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.finite_strain import LoadLeg
 from pgdl_lab.mechanics.linear import symmetric_solver
-from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.material import Material
 from pgdl_lab.mechanics.newton import solve
 from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.solid import Solid
@@ -62,7 +62,7 @@ def wavy(cells: int, element: str) -> "Mesh":
 def body(
     mesh: "Mesh",
     element: str,
-    material: Yeoh,
+    material: Material,
     held: Mapping[str, str],
     contact: Callable[[Discretisation], Contact] | None = None,
 ) -> Equilibrium:

@@ -25,7 +25,7 @@ def membrane(quick: bool) -> Iterator[Check]:
         {"left": lambda x: np.isclose(x[0], 0), "right": lambda x: np.isclose(x[0], 48)}
     )
     ratio = BULK_MODULUS_MPA / SHEAR_MODULUS_MPA
-    material = Yeoh(SHEAR_MODULUS_MPA / 2, 0.0, 0.0, (3 * ratio - 2) / (6 * ratio + 2))
+    material = Yeoh(SHEAR_MODULUS_MPA / 2, 0.0, 0.0, poisson=(3 * ratio - 2) / (6 * ratio + 2))
     equilibrium = body(mesh, "hex27_p1", material, {"left": "xy", "body": "z"})
     areas = nodal_areas(equilibrium, "right")
     equilibrium.weight[:, 1] = FORCE_N_MM / 16 * areas  # a dead load

@@ -6,7 +6,7 @@ import numpy as np
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.finger import ExtrudedFinger
-from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.material import Material, Yeoh
 from pgdl_lab.mechanics.profile import Profile, Region
 from pgdl_lab.registry import register
 
@@ -41,7 +41,7 @@ class Bellows(ExtrudedFinger):
     """
 
     max_kpa: float = 120.0
-    material: Yeoh = field(default_factory=lambda: Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562))
+    material: Material = field(default_factory=lambda: Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562))
     width_mm: float = 20.0
     side_wall_mm: float = 2.0
     folds: int = 12

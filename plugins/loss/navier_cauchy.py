@@ -36,7 +36,7 @@ class NavierCauchy(Loss):
         "published": f = (λ + μ) ∂(u_x + u_z)/∂x + μ ∇²u_x + f_x, g likewise with z (eq. 10, letter by letter);
         "corrected": (λ + μ) ∇(∇·u) + μ ∇²u + F (eq. 7 in two dimensions).
     lame_mpa, shear_modulus_mpa
-        Lamé's constants λ and μ [MPa]; null takes them from the finger's material (μ = 2 c1, λ = 2 μ ν / (1 − 2 ν)).
+        Lamé's constants λ and μ [MPa]; null takes those of the finger's material at small strain.
     """
 
     order: ClassVar[int] = 2
