@@ -15,13 +15,14 @@ Array = NDArray[np.float64]
 # Corners of the faces P1 to P6 of a hexahedron, as places in its list of nodes, which is in the order of VTK.
 FACES = np.array([[0, 1, 2, 3], [4, 7, 6, 5], [0, 4, 5, 1], [1, 5, 6, 2], [2, 6, 7, 3], [3, 7, 4, 0]])
 
-# D2 and D3 of (J − 1)⁴/D2 + (J − 1)⁶/D3, terms that our material lacks: they vanish for a large D, while CalculiX puts
+# D2 and D3 of (J − 1)⁴/D2 + (J − 1)⁶/D3, terms that our materials lack: they vanish for a large D, while CalculiX puts
 # coefficients of its own in the place of 0.
 NO_TERM = 1e20
 
 FIRST_WEIGHT = 0.1  # of the weight
 FIRST_PRESSURE = 0.05  # of the highest pressure
 SMALLEST_INCREMENT = 1e-5  # of a step
+VALUES_IN_A_ROW = 8  # of a card
 NO_LIMIT = 1_000_000  # of increments: a step that does not converge ends at the smallest increment
 
 # CalculiX's own tolerance, and what smaller ones need: the iterations after which it looks for divergence, for slow
@@ -47,18 +48,24 @@ def deck(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float) -
     tolerance
         Largest last correction of an increment as a fraction of the increment [–]; twice the residual as a fraction
         of the average force.
+
+    Raises
+    ------
+    InputError
+        When CalculiX does not have the finger's material.
     """
     positions, cells, _ = model.cells()
-    material, highest = finger.material, float(pressures_kpa[-1])
-    compressibility = 2e-6 / material.bulk_modulus_mpa  # the term (J − 1)²/D1 [1/Pa]
+    card, highest = finger.material.calculix(), float(pressures_kpa[-1])
+    compressibility = 2e-6 / finger.material.bulk_modulus_mpa  # the term (J − 1)²/D1 [1/Pa]
+    constants = [*card.constants, compressibility, *[NO_TERM] * (card.volumetric_terms - 1)]
     lines = ["*NODE,NSET=BODY", *(_row(number, *place) for number, place in enumerate(positions, start=1))]
     lines.append("*ELEMENT,TYPE=C3D20R,ELSET=BODY")
     for number, nodes in enumerate(cells + 1, start=1):
         lines += [_row(number, *nodes[:10]) + ",", _row(*nodes[10:])]
     lines += [
         "*MATERIAL,NAME=SOLID",
-        "*HYPERELASTIC,YEOH",
-        _row(1e6 * material.c1_mpa, 1e6 * material.c2_mpa, 1e6 * material.c3_mpa, compressibility, NO_TERM, NO_TERM),
+        f"*HYPERELASTIC,{card.form}",
+        *(_row(*constants[at : at + VALUES_IN_A_ROW]) for at in range(0, len(constants), VALUES_IN_A_ROW)),
         "*DENSITY",
         _row(1e-6 * finger.density_kg_m3),
         "*SOLID SECTION,ELSET=BODY,MATERIAL=SOLID",

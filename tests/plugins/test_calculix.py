@@ -2,6 +2,7 @@ import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,6 +67,36 @@ class TestDeck:
         assert cards["*DLOAD"][0] == ["BODY", "GRAV", "5000", "0.6", "0", "-0.8"]
         # density [kg/m³] · gravity [m/s²] = 1e-6 · density · 1e3 · gravity [Pa/mm]
         assert cards["*DENSITY"] == [["0.00113"]]
+
+    @pytest.mark.parametrize(
+        ("law", "fields", "form", "constants", "volumetric_terms"),
+        [
+            ("mooney_rivlin", {"c10_mpa": 0.09, "c01_mpa": 0.02}, "MOONEY-RIVLIN", [9e4, 2e4], 1),
+            # μ_i of CalculiX is μ_i α_i / 2 here
+            ("ogden", {"mu_mpa": [0.22], "alpha": [2.0]}, "OGDEN,N=1", [2.2e5, 2], 1),
+            (
+                "ogden", {"mu_mpa": [0.2, 0.04, -0.01], "alpha": [1.0, 5.0, -2.0]},
+                "OGDEN,N=3", [1e5, 1, 1e5, 5, 1e4, -2], 3,
+            ),
+        ],
+    )  # fmt: skip
+    def test_states_other_laws(
+        self, law: str, fields: dict[str, Any], form: str, constants: list[float], volumetric_terms: int
+    ) -> None:
+        finger = pneunet(material=registry.plugin("material", law)(**fields))
+        rows = sections(finger)[1][f"*HYPERELASTIC,{form}"]
+        assert all(len(row) <= 8 for row in rows)
+        stated = np.array([value for row in rows for value in row], dtype=float)
+        np.testing.assert_allclose(
+            stated[: len(constants) + 1], [*constants, 2e-6 / finger.material.bulk_modulus_mpa], rtol=1e-9
+        )
+        assert len(stated) == len(constants) + volumetric_terms
+        assert (stated[len(constants) + 1 :] > 1e10).all()
+
+    def test_refuses_more_terms_than_calculix_takes(self) -> None:
+        finger = pneunet(material=registry.plugin("material", "ogden")(mu_mpa=4 * [0.1], alpha=[1.0, 2.0, 3.0, 4.0]))
+        with pytest.raises(InputError, match=r"CalculiX takes 3 terms of Ogden's at most, not 4: choose fem=solid"):
+            sections(finger)
 
     def test_without_weight_there_is_one_step(self) -> None:
         _, cards = sections(pneunet(gravity_m_s2=[0.0, 0.0]))
@@ -165,10 +196,11 @@ class TestAgainstTheSolid:
         np.testing.assert_array_equal(snapshots.pressures_kpa, peer.pressures_kpa)
         np.testing.assert_allclose(snapshots.displacements, peer.displacements, atol=3e-4 * largest)
 
-    def test_agree_in_large_bending(self) -> None:
+    @pytest.mark.parametrize("law", ["yeoh", "mooney_rivlin", "ogden"])
+    def test_agree_in_large_bending(self, law: str) -> None:
         """To the digits that CalculiX prints where no pressure acts: 600 times the density."""
-        heavy = pneunet(density_kg_m3=678e3, max_kpa=1e-3)
-        ours, theirs = (fem.simulate(heavy, Observation(1, 800)).body for fem in (solid(), calculix(tolerance=1e-3)))
+        heavy = pneunet(density_kg_m3=678e3, max_kpa=1e-3, material=registry.plugin("material", law)())
+        ours, theirs = (fem.simulate(heavy, Observation(1, 800)).body for fem in (solid(), calculix(tolerance=1e-4)))
         assert ours is not None and theirs is not None
         assert np.abs(ours.displacements[0]).max() > 30
         np.testing.assert_allclose(theirs.displacements[0], ours.displacements[0], atol=2e-5)
