@@ -10,9 +10,8 @@ from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finite_strain import Model
-from pgdl_lab.mechanics.material import Yeoh
-from pgdl_lab.mechanics.solid import Solid
-from pgdl_lab.registry import plugin
+from pgdl_lab.mechanics.material import Material, Yeoh
+from pgdl_lab.registry import names, plugin
 from pgdl_lab.verification.benchmark import Check, benchmark
 from pgdl_lab.verification.bodies import body, wavy
 
@@ -30,23 +29,35 @@ def off(derivative: Array, function: Callable[[Array], Array], at: Array, direct
     return float(np.abs(derivative - change).max() / np.abs(change).max())
 
 
+def solid_off(element: str, material: Material, random: np.random.Generator, strained: Array, noise_mm: float) -> float:
+    """Error, as `off`, of the stiffness of a cube with deformation gradient `strained` and displaced at random."""
+    solid = body(wavy(2, element), element, material, {}).solid
+    mesh = solid.discretisation
+    at = mesh.positions @ (strained - np.eye(3)).T + noise_mm * random.normal(size=mesh.positions.shape)
+    direction = random.normal(size=mesh.positions.shape)
+    local = direction[mesh.nodes].reshape(len(mesh.nodes), -1)
+    stiffness = solid.response(at, stiffness=True).stiffness
+    assert stiffness is not None
+    return off(
+        (stiffness @ local[..., None])[..., 0], lambda u: solid.response(u, stiffness=False).forces, at, direction
+    )
+
+
 @benchmark("tangents against differences", quick=True)
 def tangents(quick: bool) -> Iterator[Check]:
     """Solid, follower pressure, contact and all of them together, on a finger of two chambers that touch."""
     random = np.random.default_rng(0)
     for element in ELEMENTS:
-        solid = body(wavy(2, element), element, Yeoh(c3_mpa=0.003), {}).solid
-        mesh = solid.discretisation
-        at, direction = 0.01 * random.normal(size=mesh.positions.shape), random.normal(size=mesh.positions.shape)
-        local = direction[mesh.nodes].reshape(len(mesh.nodes), -1)
-        stiffness = solid.response(at, stiffness=True).stiffness
-        assert stiffness is not None
-
-        def forces(u: Array, solid: Solid = solid) -> Array:
-            return solid.response(u, stiffness=False).forces
-
-        error = off((stiffness @ local[..., None])[..., 0], forces, at, direction)
-        yield Check(f"stiffness of the solid, {element}, third-order Yeoh [–]", 0.0, error, 1e-6, SOURCE)
+        yield Check(
+            f"stiffness of the solid, {element}, third-order Yeoh [–]",
+            0.0, solid_off(element, Yeoh(c3_mpa=0.003), random, np.eye(3), 0.01), 1e-6, SOURCE,
+        )  # fmt: skip
+    for law in names("material"):
+        # Stretches that are the same, or almost, besides those that differ.
+        for state, stretched, noise in (("undeformed", 1.0, 0.0), ("uniaxial", 1.5, 1e-9), ("uneven", 1.5, 0.01)):
+            strained = np.diag([stretched, stretched**-0.5, stretched**-0.5])
+            error = solid_off("hex27_p1", plugin("material", law)(), np.random.default_rng(0), strained, noise)
+            yield Check(f"stiffness of the solid, {law}, {state} [–]", 0.0, error, 1e-6, SOURCE)
 
     finger = plugin("finger", "pneunet")(chambers=2, gap_mm=GAP_MM)
     model = Model(finger, 6.0, "hex27_p1")
