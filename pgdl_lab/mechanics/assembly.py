@@ -46,16 +46,34 @@ class Assembler:
         return total.reshape(self._free.shape)
 
     def with_upper(self, upper: sp.csr_matrix, full: sp.csr_matrix) -> sp.csr_matrix:
-        """Add to `upper` the upper triangle, at the free degrees, of a symmetric matrix over all degrees (3 N, 3 N)."""
+        """Add to `upper` the upper triangle, at the free degrees, of a symmetric matrix over all degrees (3 N, 3 N).
+
+        Places that are new stay in the pattern of all further matrices, so that a solver seldom orders them anew.
+        """
         free = np.flatnonzero(self._free.ravel())
-        total = (upper + sp.triu(full[free][:, free])).tocsr()
-        total.sort_indices()
-        return total
+        added = sp.triu(full[free][:, free], format="coo")
+        keys = added.row.astype(np.int64) * self.size + added.col
+        pattern = np.repeat(np.arange(self.size), np.diff(self._indptr)) * self.size + self._indices
+        place, data = np.searchsorted(pattern, keys), upper.data
+        unknown = pattern[np.minimum(place, len(pattern) - 1)] != keys
+        if unknown.any():
+            fresh = np.unique(keys[unknown])
+            where = np.searchsorted(pattern, fresh)
+            pattern, data = np.insert(pattern, where, fresh), np.insert(data, where, 0.0)
+            self._place += np.searchsorted(where, self._place, side="right")
+            self._indptr = np.searchsorted(pattern, np.arange(self.size + 1) * self.size).astype(np.int32)
+            self._indices = (pattern % self.size).astype(np.int32)
+            place = np.searchsorted(pattern, keys)
+        total: Array = data + np.bincount(place, added.data, len(data))
+        return self._matrix(total)
 
     def upper(self, *matrices: Array) -> sp.csr_matrix:
         """Upper triangle of the sum of the element matrices of each group, (E, 3 A, 3 A) each, at the free degrees."""
         values = np.concatenate([m.ravel()[used] for m, used in zip(matrices, self._entries, strict=True)])
-        data = np.bincount(self._place, values, len(self._indices))
+        total: Array = np.bincount(self._place, values, len(self._indices)).astype(np.float64, copy=False)
+        return self._matrix(total)
+
+    def _matrix(self, data: Array) -> sp.csr_matrix:
         matrix = sp.csr_matrix((data, self._indices, self._indptr), shape=(self.size, self.size))
         matrix.has_sorted_indices = True
         return matrix

@@ -80,14 +80,17 @@ class Contact:
         for divisions in DIVISIONS:
             self._mesh = sampled(faces, discretisation.positions, divisions)
             # Triangles that share no vertex may be near each other at rest: a step, or the bottom of a gap.
-            self._rest_mm = 40 * reach_mm
-            self._rest_mm = min(self.gap_mm(rest), self._rest_mm)
-            if reach_mm < self._rest_mm / 2:
-                return
-        raise InputError(
-            f"fem.contact_mm is {reach_mm} mm; it must be below half of {self._rest_mm:.3g} mm, the smallest "
-            "distance between surfaces of the undeformed mesh."
-        )
+            self._rest_mm = 4 * reach_mm
+            near_mm = self.gap_mm(rest)
+            if not np.isfinite(near_mm):
+                break
+        else:
+            raise InputError(
+                f"fem.contact_mm is {reach_mm} mm; it must be below half of {near_mm:.3g} mm, the smallest distance "
+                "between surfaces of the undeformed mesh."
+            )
+        self._rest_mm = 40 * reach_mm
+        self._rest_mm = min(self.gap_mm(rest), self._rest_mm)
 
     def response(self, displacement: Array, *, hessian: bool) -> ContactResponse:
         """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration."""

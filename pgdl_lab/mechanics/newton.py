@@ -65,7 +65,7 @@ def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load:
             raise NoConvergence
         reach = equilibrium.free_step(displacement, correction)
         if largest > CLOSE_MM or reach < 1:
-            descent = np.inf if iteration == 1 else float((here.forces * correction)[free].sum())
+            descent = np.inf if iteration == 1 and reach == 1 else float((here.forces * correction)[free].sum())
             correction *= step_length(equilibrium, displacement, correction, load, here, descent, reach)
         displacement = displacement + correction
         if largest < tolerance_mm and reach == 1:
