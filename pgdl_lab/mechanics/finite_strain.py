@@ -50,14 +50,17 @@ class LoadLeg:
     driver: Callable[[Array], Array]
     unstable: list[float] = field(default_factory=list)
     _found: dict[float, Array] = field(default_factory=dict)
+    _slopes: dict[float, Array] = field(default_factory=dict)
 
     def solve(self, start: Array, parameter: float) -> Solution:
         """As `newton.solve`; contact that waits is brought in by the first solution that it concerns."""
         contact = self.equilibrium.contact
-        nearest = min(self._found, key=lambda known: abs(known - parameter), default=None)
-        before = start if nearest is None else self._found[nearest]
-        if contact.active and contact.free_step(before, start - before) < 1:
-            raise NoConvergence  # the prediction lies beyond a surface
+        nearest = min(self._found, key=lambda known: abs(known - parameter), default=parameter)
+        before = self._found.get(nearest, start)
+        if contact.active and contact.free_step(before, start - before) < 1:  # beyond a surface: the tangent may not be
+            start = before + (parameter - nearest) * self._slopes[nearest]
+            if contact.free_step(before, start - before) < 1:
+                raise NoConvergence
         solution = solve(self.equilibrium, self.solver, start, self.load(parameter), self.tolerance_mm)
         found = solution.displacement
         if contact.mode == "auto" and not contact.active and (contact.near(found) or contact.passes(before, found)):
@@ -75,6 +78,7 @@ class LoadLeg:
             self.unstable.append(parameter)
         slope = np.zeros_like(displacement)
         slope[free] = self.solver.solve(self.driver(displacement)[free])
+        self._slopes[parameter] = slope
         return slope
 
 
@@ -140,7 +144,7 @@ class Model:
         free[basis.get_dofs("clamp").all()] = False
         if "symmetry" in self.mesh.boundaries:
             free[basis.get_dofs("symmetry").all(), 1] = False
-        touch = Contact(self.discretisation, contact_mm, finger.material.shear_modulus_mpa / 4, mode=contact)
+        touch = Contact(self.discretisation, contact_mm, finger.material.shear_modulus_mpa / 40, mode=contact)
         weight = finger.body_force_n_mm3
         self.equilibrium = Equilibrium(
             Solid(self.discretisation, finger.material),

@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 
 NODES = 4  # equilibria that predictor and interpolant use: polynomials of degree 7
 PREDICTOR_ERROR_MM = 0.3  # what Newton's method mends in some three iterations
-SMALLEST_STEP = 1e-4  # as a fraction of the path
+SMALLEST_STEP = 1e-5  # as a fraction of the path
+SMALLEST_INTERVAL = 1e-4  # of the path: kinks of contact are not resolved further
 LARGEST_STEP = 0.16
 GROWTH = 2.0
 
@@ -133,7 +134,7 @@ def refine(leg: Leg, branch: Branch, tolerance_mm: float) -> float:
     while intervals:
         start, stop = intervals.pop()
         middle, error = (start + stop) / 2, branch.doubt(start, stop)
-        if error > tolerance_mm and stop - start > SMALLEST_STEP * branch.parameters[-1]:
+        if error > tolerance_mm and stop - start > SMALLEST_INTERVAL * branch.parameters[-1]:
             try:
                 branch.add(leg, branch.at(middle), middle)
             except NoConvergence:

@@ -15,7 +15,7 @@ from pgdl_lab.mechanics.finite_strain import LoadLeg
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.newton import NoConvergence
-from pgdl_lab.mechanics.path import follow
+from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.skin import bulge, sampled, skin
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.verification.bodies import body
@@ -182,13 +182,13 @@ def test_bodies_do_not_pass_each_other_within_a_step() -> None:
     # The end of the plate is below the block, which it crosses nowhere and is not near.
     assert (plates.height + beyond[:, 2])[plates.tip].max() < -1.9
     assert not plates.contact.penetrates(beyond) and not plates.contact.near(beyond)
-    plates = Plates()
+    plates, branch = Plates(), Branch()
     leg = plates.leg(3e-5)
-    leg.solve(rest, 0.0)
+    branch.add(leg, rest, 0.0)
     with pytest.raises(NoConvergence):
-        leg.solve(rest, 1.0)
+        branch.add(leg, rest, 1.0)
     assert plates.contact.active
     with pytest.raises(NoConvergence):  # and so from a start beyond the block
-        leg.solve(beyond, 1.0)
+        branch.add(leg, beyond, 1.0)
     held = follow(leg, rest, 1.0, 0.04, lambda _: None).displacements[-1]
     assert (plates.height + held[:, 2])[plates.tip].min() > -1.0
