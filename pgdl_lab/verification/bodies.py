@@ -15,6 +15,7 @@ from pgdl_lab.mechanics.finite_strain import LoadLeg
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Material
 from pgdl_lab.mechanics.newton import solve
+from pgdl_lab.mechanics.nocontact import NoContact
 from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.solid import Solid
 
@@ -25,13 +26,6 @@ Array = NDArray[np.float64]
 Where = Mapping[str, Callable[[Array], NDArray[np.bool_]]]
 
 NEWTON_MM = 1e-8
-
-
-class NoContact(Contact):
-    """Contact that never acts, and needs no skin."""
-
-    def __init__(self) -> None:
-        self.mode, self.active = "off", False
 
 
 def curved(block: "MeshHex", named: Where, place: Callable[[Array], Array]) -> "MeshHex2":

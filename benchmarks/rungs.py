@@ -1,0 +1,79 @@
+"""The cheap models beside the solid: error and time of `fem=rod` and `fem=section` for every finger.
+
+    python benchmarks/rungs.py
+
+The reference is `fem=solid` with its default element on 3 mm; its snapshots are taken from runs/snapshots if they are
+there, with the time that they took when they were made. The others are computed here, each once before the time is
+taken. A tip is the end of the base line; per cent are of its displacement.
+"""
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import cache, paths, registry
+from pgdl_lab.fem import Fem
+from pgdl_lab.finger import Finger
+from pgdl_lab.snapshots import Observation, Snapshots
+
+FINGERS = ("pneunet", "pneunet_calibrated", "joints", "bellows")
+RUNGS = ("rod", "section")
+
+
+@dataclass(frozen=True)
+class Error:
+    """Distance of a model from the solid at one pressure [mm], and the displacement of the tip [mm]."""
+
+    tip_mm: float
+    rms_mm: float
+    moved_mm: float
+
+    @classmethod
+    def of(cls, snapshots: Snapshots, reference: Snapshots, number: int) -> "Error":
+        """At snapshot `number`."""
+        tip = reference.base[-1]
+        distance = np.linalg.norm(snapshots.displacements[number] - reference.displacements[number], axis=1)
+        moved = np.linalg.norm(reference.displacements[number, tip])
+        return cls(float(distance[tip]), float(np.sqrt((distance**2).mean())), float(moved))
+
+
+def configured(name: str) -> Finger:
+    """The finger that `finger=name` stands for."""
+    with initialize_config_dir(str(paths.CONF), version_base=None):
+        finger: Finger = OmegaConf.to_object(compose("config", [f"finger={name}"]).finger)
+    return finger
+
+
+def main() -> None:
+    """Print the table."""
+    registry.discover()
+    observation, solid = Observation(), registry.plugin("fem", "solid")()
+    table = Table(title="Cheap models against the solid, at half and full pressure")
+    for column in ("finger", "model", "kPa", "tip (mm)", "of the way", "rms (mm)", "time (s)", "solid / model"):
+        table.add_column(column, justify="right" if column not in ("finger", "model") else "left", no_wrap=True)
+    for name in FINGERS:
+        finger = configured(name)
+        reference, _, _ = cache.simulate(finger, solid, observation, paths.RUNS / "snapshots")
+        for rung in RUNGS:
+            fem: Fem = registry.plugin("fem", rung)()
+            fem.simulate(finger, observation)
+            snapshots = fem.simulate(finger, observation)
+            seconds = snapshots.provenance["seconds"]
+            ratio = reference.provenance["seconds"] / seconds
+            half, full = observation.snapshots // 2 - 1, observation.snapshots - 1
+            for number, rest in ((half, ("", "")), (full, (f"{seconds:.2f}", f"{ratio:.0f}×"))):
+                error, kpa = Error.of(snapshots, reference, number), reference.pressures_kpa[number]
+                share = f"{error.tip_mm / error.moved_mm:.1%}"
+                table.add_row(name, rung, f"{kpa:g}", f"{error.tip_mm:.2f}", share, f"{error.rms_mm:.2f}", *rest)
+        table.add_section()
+    Console(width=120).print(table)
+    print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""What the models below the three-dimensional solid share: the finger they can take and the way to snapshots."""
+
+import logging
+import time
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab import __version__
+from pgdl_lab.errors import InputError
+from pgdl_lab.fem import Fem, SimulationStopped
+from pgdl_lab.finger import ExtrudedFinger, Finger
+from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.registry import describe
+from pgdl_lab.snapshots import Observation, Snapshots
+
+Array = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+
+class ReducedModel(Model):
+    """A model with unknowns of its own, whose `equilibrium` and `solver` the load path of the solid can use."""
+
+    @abstractmethod
+    def observer(self, face: Face) -> Callable[[Array, float], Array]:
+        """Function from the unknowns (M, 3) and the pressure [kPa] to u_x and u_z at `face` (N, 2) [mm]."""
+
+    @abstractmethod
+    def size(self) -> dict[str, Any]:
+        """How large the model is, for the provenance."""
+
+
+def require_profile(finger: Finger, fem: Fem) -> ExtrudedFinger:
+    """`finger`, if it has a profile; raises InputError."""
+    if not isinstance(finger, ExtrudedFinger):
+        raise InputError(
+            f"fem={describe(fem)['name']} is made from the x–z profile of a finger, and "
+            f"finger={describe(finger)['name']} has none: choose fem=solid."
+        )
+    return finger
+
+
+def simulate(
+    make: Callable[[ExtrudedFinger], ReducedModel],
+    fem: Fem,
+    finger: Finger,
+    observation: Observation,
+    tolerances_mm: tuple[float, float],
+) -> Snapshots:
+    """Snapshots of `finger` by the model that `make` returns.
+
+    Parameters
+    ----------
+    tolerances_mm
+        Of each equilibrium, and of what is interpolated between them [mm].
+
+    Raises
+    ------
+    InputError
+        When the finger has no profile.
+    SimulationStopped
+        When the model finds no equilibrium at the highest pressure.
+    """
+    began = time.perf_counter()
+    face, model = finger.face(observation.points), make(require_profile(finger, fem))
+    made = time.perf_counter()
+    history = model.load(finger.max_kpa, *tolerances_mm)
+    solved = time.perf_counter()
+    pressures = observation.pressures_kpa(finger.max_kpa)
+    pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
+    observe = model.observer(face)
+    displacements = np.array([observe(history.at(kpa), float(kpa)) for kpa in pressures])
+    ended = time.perf_counter()
+    snapshots = Snapshots(
+        points=face.points,
+        triangles=face.triangles,
+        base=face.base,
+        clamp=face.clamp,
+        pressures_kpa=pressures,
+        displacements=displacements.reshape(-1, len(face.points), 2),
+        provenance={
+            "finger": describe(finger),
+            "fem": describe(fem),
+            "mesh": model.size() | {"degrees_of_freedom": int(model.equilibrium.free.sum())},
+            "equilibria_kpa": history.branch.parameters,
+            "newton_iterations": history.iterations,
+            "interpolation_error_mm": history.interpolation_mm,
+            "unstable_kpa": history.unstable_kpa,
+            "linear_solver": model.solver.name,
+            "versions": {"pgdl_lab": __version__},
+            "seconds_of": {"model": made - began, "equilibria": solved - made, "snapshots": ended - solved},
+            "seconds": ended - began,
+        },
+    )
+    if history.unstable_kpa:
+        _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
+    if not history.complete:
+        raise SimulationStopped(
+            f"The model was in equilibrium up to {history.reached_kpa:.4g} kPa, but not at "
+            f"finger.max_kpa={finger.max_kpa:g}: {len(pressures)} of {observation.snapshots} snapshots converged; "
+            "lower the pressure, thicken the walls or choose fem=solid.",
+            snapshots,
+        )
+    return snapshots

@@ -1,0 +1,49 @@
+"""The finger as a planar rod: milliseconds for each pressure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.fem import Fem
+from pgdl_lab.finger import Finger
+from pgdl_lab.registry import register
+from pgdl_lab.snapshots import Observation, Snapshots
+
+
+@register("fem", "rod")
+@dataclass(frozen=True)
+class Rod(Fem):
+    """Geometrically exact rod under weight and follower pressure, with stiffnesses from its segments.
+
+    Each segment from gap to gap is solved once in three dimensions at small strain; only rotations are large. Walls
+    that stiffen, chambers that swell and contact are left out. For fingers with a profile; there is no body to show.
+
+    Attributes
+    ----------
+    edge_mm
+        Longest edge of the elements that the segments are solved with [mm].
+    step_mm
+        Longest element of the rod [mm].
+    newton_mm
+        An equilibrium is found when Newton's correction is below this [mm].
+    interpolation_mm
+        Largest error of snapshots that are interpolated between equilibria [mm].
+    """
+
+    edge_mm: float = 3.0
+    step_mm: float = 1.0
+    newton_mm: float = 1e-6
+    interpolation_mm: float = 1e-5
+
+    def __post_init__(self) -> None:
+        for name in ("edge_mm", "step_mm", "newton_mm", "interpolation_mm"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"fem.{name} is {getattr(self, name)} mm; it must be above 0.")
+
+    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        from pgdl_lab.mechanics.finger_rod import FingerRod
+        from pgdl_lab.mechanics.reduced import simulate
+
+        tolerances = self.newton_mm, self.interpolation_mm
+        return simulate(lambda it: FingerRod(it, self.edge_mm, self.step_mm), self, finger, observation, tolerances)

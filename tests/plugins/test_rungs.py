@@ -1,0 +1,115 @@
+"""The models below the solid: `fem=rod` and `fem=section`."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pgdl_lab import registry
+from pgdl_lab.errors import InputError
+from pgdl_lab.fem import Fem
+from pgdl_lab.finger import Finger
+from pgdl_lab.snapshots import Observation, Snapshots
+from tests.fingers import OBSERVATION, balloon, pneunet
+
+
+def rung(name: str, **fields: Any) -> Fem:
+    fem: Fem = registry.plugin("fem", name)(**fields)
+    return fem
+
+
+def solid_at(finger: Finger) -> Snapshots:
+    fem: Fem = registry.plugin("fem", "solid")(interpolation_mm=1.0)
+    return fem.simulate(finger, Observation(1, 1500))
+
+
+@pytest.mark.parametrize("name", ["rod", "section"])
+@pytest.mark.parametrize("finger", ["pneunet", "joints", "bellows"])
+def test_fingers_bend_down_as_pressure_rises(name: str, finger: str) -> None:
+    snapshots = rung(name, interpolation_mm=1e-2).simulate(registry.plugin("finger", finger)(), OBSERVATION)
+    assert snapshots.displacements.shape == (10, 800, 2)
+    np.testing.assert_allclose(snapshots.displacements[:, snapshots.clamp], 0, atol=1e-9)
+    tip = np.diff(snapshots.displacements[:, snapshots.base[-1]], axis=0)
+    assert (tip[:, 0] < 0).all()
+    told = snapshots.provenance
+    assert told["finger"]["name"] == finger and told["fem"]["name"] == name
+    assert told["unstable_kpa"] == [] and told["interpolation_error_mm"] <= 1e-2
+    assert told["mesh"]["degrees_of_freedom"] > 100
+
+
+@pytest.mark.parametrize(("finger", "fields"), [("pneunet", {"chambers": 5}), ("bellows", {"folds": 5})])
+def test_rod_is_the_solid_while_displacements_are_small(finger: str, fields: dict[str, Any]) -> None:
+    """Within 5 % at the end of the base line, under pressure and under weight: the end segments are no periods."""
+    for load in ({"gravity_m_s2": [0.0, 0.0], "max_kpa": 0.1}, {"gravity_m_s2": [0.0, -0.01], "max_kpa": 1e-6}):
+        body = registry.plugin("finger", finger)(**fields, **load)
+        reference, ours = solid_at(body), rung("rod").simulate(body, Observation(1, 1500))
+        np.testing.assert_array_equal(ours.points, reference.points)
+        tip = reference.base[-1]
+        np.testing.assert_allclose(ours.displacements[0, tip, 1], reference.displacements[0, tip, 1], rtol=0.05)
+
+
+def test_rod_side_face_has_no_steps_between_segments() -> None:
+    """Neighbours on the base line move alike, also across the cuts."""
+    snapshots = rung("rod").simulate(pneunet(chambers=4), OBSERVATION)
+    moved = snapshots.points[snapshots.base] + snapshots.displacements[-1, snapshots.base]
+    distance = np.linalg.norm(np.diff(moved, axis=0), axis=1) / np.diff(snapshots.points[snapshots.base, 0])
+    assert np.ptp(distance) < 0.25
+
+
+def test_section_keeps_its_weight_whatever_its_side_walls_bear() -> None:
+    from pgdl_lab.mechanics.section import PlaneFinger
+
+    finger: Any = pneunet()
+    whole, soft = (PlaneFinger(finger, 3.0, share).equilibrium for share in (1.0, 0.01))
+    np.testing.assert_allclose(whole.weight, soft.weight)
+    volume = PlaneFinger(finger, 3.0, 1.0).equilibrium.solid.discretisation.weights.sum()
+    np.testing.assert_allclose(whole.weight.sum(axis=0), [0, 0, -1130e-12 * 9810 * volume])
+
+
+def test_air_pushes_only_against_its_boundary() -> None:
+    """Displacements inside the air change nothing, rigid motions neither; the volume is that of the cavity."""
+    from pgdl_lab.mechanics.section import PlaneFinger
+
+    finger: Any = pneunet(chambers=1)
+    equilibrium = PlaneFinger(finger, 3.0, 1.0).equilibrium
+    positions = equilibrium.solid.discretisation.positions
+    air = equilibrium.cavity.response(np.zeros_like(positions), hessian=False)
+    np.testing.assert_allclose(air.volume, 4.5 * 11 * 10)  # one chamber, channel and all: 4.5 by 11 by 10 mm
+    turned = positions @ np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]]) - positions
+    np.testing.assert_allclose(equilibrium.cavity.response(turned, hessian=False).volume, air.volume)
+    forces = equilibrium.pressure_forces(np.zeros_like(positions))
+    x, _, z = positions.T
+    inside = (x > 3) & (x < 7.5) & (z > 3) & (z < 14)
+    assert inside.any() and np.abs(forces[inside]).max() < 1e-9
+    np.testing.assert_allclose(forces.sum(axis=0), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["rod", "section"])
+def test_fingers_without_a_profile_are_refused(name: str) -> None:
+    mesh = registry.plugin("finger", "mesh")(path="examples/finger.msh")
+    with pytest.raises(InputError, match=f"fem={name} is made from the x–z profile .* choose fem=solid"):
+        rung(name).simulate(mesh, OBSERVATION)
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "sentence"),
+    [
+        ("rod", {"edge_mm": 0.0}, "fem.edge_mm is 0.0 mm"),
+        ("rod", {"step_mm": -1.0}, "fem.step_mm is -1.0 mm"),
+        ("section", {"newton_mm": 0.0}, "fem.newton_mm is 0.0 mm"),
+        ("section", {"side_wall_share": 0.0}, "fem.side_wall_share is 0.0; it must be above 0 and at most 1"),
+        ("section", {"side_wall_share": 1.5}, "fem.side_wall_share is 1.5"),
+    ],
+)
+def test_impossible_models_are_refused(name: str, fields: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        rung(name, **fields)
+
+
+def test_what_converged_before_a_burst_is_kept() -> None:
+    from pgdl_lab.fem import SimulationStopped
+
+    with pytest.raises(SimulationStopped, match="lower the pressure, thicken the walls or choose fem=solid") as stop:
+        rung("section").simulate(balloon(), OBSERVATION)
+    kept = stop.value.snapshots
+    assert 0 < len(kept.pressures_kpa) < 10 and kept.displacements.shape == (len(kept.pressures_kpa), 800, 2)
