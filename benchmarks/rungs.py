@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths, registry
+from pgdl_lab.cli import store_choices
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
 from pgdl_lab.snapshots import Observation, Snapshots
@@ -45,13 +46,14 @@ class Error:
 def configured(name: str) -> Finger:
     """The finger that `finger=name` stands for."""
     with initialize_config_dir(str(paths.CONF), version_base=None):
-        finger: Finger = OmegaConf.to_object(compose("config", [f"finger={name}"]).finger)
+        finger = OmegaConf.to_object(compose("config", [f"finger={name}"]).finger)
+    assert isinstance(finger, Finger)
     return finger
 
 
 def main() -> None:
     """Print the table."""
-    registry.discover()
+    store_choices()
     observation, solid = Observation(), registry.plugin("fem", "solid")()
     table = Table(title="Cheap models against the solid, at half and full pressure")
     for column in ("finger", "model", "kPa", "tip (mm)", "of the way", "rms (mm)", "time (s)", "solid / model"):
