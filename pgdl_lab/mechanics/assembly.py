@@ -22,20 +22,49 @@ class Assembler:
 
     def __init__(self, groups: Sequence[NDArray[np.int64]], free: NDArray[np.bool_]) -> None:
         self.size = int(free.sum())
-        number = np.where(free.ravel(), np.cumsum(free) - 1, -1)
-        self._dofs = [(3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1) for nodes in groups]
         self._free = free
+        self._dofs = [(3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1) for nodes in groups]
+        # The pattern is sought among pairs of nodes, of which there are nine times fewer than of components.
+        pairs = [np.nonzero(nodes[:, :, None] <= nodes[:, None, :]) for nodes in groups]
+        keys = [nodes[e, a] * len(free) + nodes[e, b] for nodes, (e, a, b) in zip(groups, pairs, strict=True)]
+        unique, pair = np.unique(np.concatenate(keys), return_inverse=True)
+        first, second = np.divmod(unique, len(free))
+        used = free[first][:, :, None] & free[second][:, None, :]  # (pairs, 3, 3)
+        used &= (first != second)[:, None, None] | np.triu(np.ones((3, 3), dtype=bool))
+        slot = self._lay_out(used, first)
+        number = np.where(free.ravel(), np.cumsum(free) - 1, -1).reshape(free.shape)
+        columns = np.broadcast_to(number[second][:, None, :], used.shape)
+        self._indices = np.empty(int(self._indptr[-1]), dtype=np.int32)
+        self._indices[slot[used]] = columns[used]
+
         self._entries: list[NDArray[np.int64]] = []
-        keys = []
-        for dofs in self._dofs:
-            local = number[dofs]
-            row, column = np.broadcast_arrays(local[:, :, None], local[:, None, :])
-            used = np.flatnonzero((row >= 0) & (column >= row))
-            self._entries.append(used)
-            keys.append(row.ravel()[used].astype(np.int64) * self.size + column.ravel()[used])
-        pattern, self._place = np.unique(np.concatenate(keys), return_inverse=True)
-        self._indptr = np.searchsorted(pattern, np.arange(self.size + 1) * self.size).astype(np.int32)
-        self._indices = (pattern % self.size).astype(np.int32)
+        places = []
+        for nodes, (e, a, b), own in zip(
+            groups, pairs, np.split(pair, np.cumsum([len(k) for k in keys])[:-1]), strict=True
+        ):
+            width = 3 * nodes.shape[1]
+            corner = (e * width + 3 * a) * width + 3 * b  # of a 3 × 3 block in the raveled element matrices
+            within = width * np.arange(3)[:, None] + np.arange(3)
+            wanted = used[own]
+            self._entries.append((corner[:, None, None] + within)[wanted])
+            places.append(slot[own][wanted])
+        self._place = np.concatenate(places)
+
+    def _lay_out(self, used: NDArray[np.bool_], first: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Place in the sparse matrix of each component of each pair of nodes that is `used` (pairs, 3, 3).
+
+        `first` holds the first node of each pair, rising. In a row lie the pairs of its node, in each its components.
+        """
+        in_row = used.sum(axis=2)
+        counts = np.zeros(self._free.shape, dtype=np.int64)
+        np.add.at(counts, first, in_row)
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        self._indptr = np.concatenate([[0], np.cumsum(counts.ravel()[self._free.ravel()])]).astype(np.int32)
+        before = np.cumsum(in_row, axis=0) - in_row
+        group = np.searchsorted(first, first)  # the first pair of the same node
+        row_starts = starts[:-1].reshape(self._free.shape)[first] + before - before[group]
+        place: NDArray[np.int64] = row_starts[:, :, None] + np.cumsum(used, axis=2) - used
+        return place
 
     def vector(self, *forces: Array | None) -> Array:
         """Sum of the element vectors of each group, (E, 3 A) or None each, at all degrees of freedom: (N, 3)."""

@@ -72,15 +72,17 @@ class Equilibrium:
         self.weight = nodal_volumes(solid.discretisation)[:, None] * body_force_n_mm3
         self._assembler = Assembler([solid.discretisation.nodes, cavity.nodes], free)
 
-    def balance(self, displacement: Array, load: Load, *, stiffness: bool) -> Balance:
+    def balance(self, displacement: Array, load: Load, *, stiffness: bool, pressure: Array | None = None) -> Balance:
         """Energy, forces and, if asked for, stiffness at `displacement` (N, 3) [mm] under `load`.
+
+        `pressure` in the solid as in `Solid.response`.
 
         Raises
         ------
         InvertedElement
             When an element is turned inside out.
         """
-        inner = self.solid.response(displacement, stiffness=stiffness)
+        inner = self.solid.response(displacement, stiffness=stiffness, pressure=pressure)
         air = self.cavity.response(displacement, hessian=stiffness)
         p = load.pressure_mpa
         energy = inner.energy - p * air.volume - load.weight * float((self.weight * displacement).sum())

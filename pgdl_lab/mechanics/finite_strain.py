@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from pgdl_lab.errors import LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.cavity import Cavity
 from pgdl_lab.mechanics.contact import Contact
+from pgdl_lab.mechanics.discretisation_error import DiscretisationError, estimate, refined
 from pgdl_lab.mechanics.elements import ELEMENTS, choose, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
@@ -20,6 +21,9 @@ from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
 from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.solid import Solid
 from pgdl_lab.mechanics.vtk import vtk_cells
+
+if TYPE_CHECKING:
+    from skfem import Mesh
 
 Array = NDArray[np.float64]
 
@@ -136,24 +140,30 @@ class Model:
     def __init__(
         self, finger: Finger, edge_mm: float, element: str, contact: str = "off", contact_mm: float = 0.05
     ) -> None:
+        self.finger = finger
         self.mesh = finger.mesh(edge_mm)
         self.element = choose(element, self.mesh)
-        self.discretisation = discretise(self.mesh, ELEMENTS[self.element])
-        basis = self.discretisation.basis
-        free = np.ones(self.discretisation.positions.shape, dtype=bool)
+        self.contact_mm = contact_mm
+        self.equilibrium = self.equilibrium_on(self.mesh, contact)
+        self.discretisation = self.equilibrium.solid.discretisation
+        self.solver = symmetric_solver()
+
+    def equilibrium_on(self, mesh: "Mesh", contact: str) -> Equilibrium:
+        """What balances in the finger on `mesh` [mm], with contact in the mode `contact`."""
+        material, weight = self.finger.material, self.finger.body_force_n_mm3
+        discretisation = discretise(mesh, ELEMENTS[self.element])
+        basis = discretisation.basis
+        free = np.ones(discretisation.positions.shape, dtype=bool)
         free[basis.get_dofs("clamp").all()] = False
-        if "symmetry" in self.mesh.boundaries:
+        if "symmetry" in mesh.boundaries:
             free[basis.get_dofs("symmetry").all(), 1] = False
-        touch = Contact(self.discretisation, contact_mm, finger.material.shear_modulus_mpa / 40, mode=contact)
-        weight = finger.body_force_n_mm3
-        self.equilibrium = Equilibrium(
-            Solid(self.discretisation, finger.material),
+        return Equilibrium(
+            Solid(discretisation, material),
             Cavity(basis),
             np.array([weight[0], 0.0, weight[1]]),
             free,
-            touch,
+            Contact(discretisation, self.contact_mm, material.shear_modulus_mpa / 40, mode=contact),
         )
-        self.solver = symmetric_solver()
 
     def load(self, max_kpa: float, newton_mm: float, interpolation_mm: float) -> History:
         """Apply the weight, then the pressure up to `max_kpa` [kPa].
@@ -207,6 +217,11 @@ class Model:
         balance = self.equilibrium.balance(displacement, Load(1.0, 1e-3 * kpa), stiffness=False)
         outer = self.equilibrium.weight + 1e-3 * kpa * self.equilibrium.pressure_forces(displacement)
         return (balance.forces * ~self.equilibrium.free).sum(axis=0), outer.sum(axis=0)
+
+    def discretisation_error(self, history: History) -> DiscretisationError | None:
+        """Estimated for the equilibrium at the highest pressure; None if none can be had."""
+        fine = self.equilibrium_on(refined(self.mesh), "on" if self.equilibrium.contact.active else "off")
+        return estimate(self.equilibrium, fine, history.branch.displacements[-1], history.reached_kpa)
 
     def contact_report(self, history: History) -> dict[str, Any]:
         """Whether contact acted, the smallest gap [mm] (None: none near) and the pressures [kPa] with penetration."""

@@ -57,8 +57,11 @@ class Solid:
         self.discretisation = discretisation
         self.material = material
 
-    def response(self, displacement: Array, *, stiffness: bool) -> Response:
+    def response(self, displacement: Array, *, stiffness: bool, pressure: Array | None = None) -> Response:
         """Energy, forces and, if asked for, stiffness at `displacement` (N, 3) [mm].
+
+        With a `pressure` (E, Q) [MPa] forces and stiffness are those at this pressure instead of the one that goes with
+        the displacement.
 
         Raises
         ------
@@ -70,14 +73,25 @@ class Solid:
         matrices = np.empty((count, 3 * nodes, 3 * nodes)) if stiffness else None
 
         def part(chunk: slice) -> float:
-            return self._respond(chunk, displacement, forces, matrices)
+            given = None if pressure is None else pressure[chunk]
+            return self._respond(chunk, displacement, given, forces, matrices)
 
         # Two threads over chunks; inside a chunk the matrices are too small for a threaded BLAS.
         with _LIBRARIES.limit(limits=1, user_api="blas"), ThreadPoolExecutor(2) as workers:
             energy = sum(workers.map(part, chunks(count)))
         return Response(energy, forces, matrices)
 
-    def _respond(self, chunk: slice, displacement: Array, forces: Array, matrices: Array | None) -> float:
+    def pressure(self, displacement: Array) -> Array:
+        """Pressure (E, Q) [MPa] that goes with `displacement` (N, 3) [mm]: the bulk modulus times the dilatation."""
+        mesh = self.discretisation
+        f = np.einsum("eai,eajq->eijq", displacement[mesh.nodes], mesh.gradients) + np.eye(3)[:, :, None]
+        dilatation = np.einsum("emq,eq->em", mesh.modes, mesh.weights * (inverse_transpose(f)[1] - 1))
+        result: Array = self.material.bulk_modulus_mpa * np.einsum("em,emq->eq", dilatation, mesh.modes)
+        return result
+
+    def _respond(
+        self, chunk: slice, displacement: Array, pressure: Array | None, forces: Array, matrices: Array | None
+    ) -> float:
         """Fill `forces` and `matrices` of the elements in `chunk`; return their energy."""
         mesh, law = self.discretisation, self.material
         grad, w, modes = mesh.gradients[chunk], mesh.weights[chunk], mesh.modes[chunk]
@@ -89,7 +103,8 @@ class Solid:
             f[:, i, i] += 1
         h, j = inverse_transpose(f)
         dilatation = np.einsum("emq,eq->em", modes, w * (j - 1))
-        pressure = law.bulk_modulus_mpa * np.einsum("em,emq->eq", dilatation, modes)
+        if pressure is None:
+            pressure = law.bulk_modulus_mpa * np.einsum("em,emq->eq", dilatation, modes)
         hg = np.einsum("eijq,eajq->eaiq", h, grad).reshape(e, 3 * a, q)
         volume = None
         if matrices is not None:

@@ -1,0 +1,77 @@
+"""The step on the finer mesh: what is carried over is exact, and the estimate is near the truth."""
+
+import numpy as np
+import pytest
+import skfem
+from skfem import Mesh
+
+from pgdl_lab.mechanics.discretisation_error import DiscretisationError, parents, prolonged, prolonged_pressure, refined
+from pgdl_lab.mechanics.elements import ELEMENTS, discretise
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.newton import solve
+from pgdl_lab.mechanics.solid import Solid
+from tests.fingers import pneunet, tetrahedra
+
+
+def body(cells: str) -> Mesh:
+    mesh = pneunet().mesh(6.0)
+    return mesh if cells == "hexahedra" else tetrahedra(mesh)
+
+
+@pytest.mark.parametrize("cells", ["hexahedra", "tetrahedra"])
+def test_named_boundaries_keep_their_area(cells: str) -> None:
+    def area(mesh: Mesh, name: str) -> float:
+        basis = skfem.FacetBasis(mesh, mesh.elem(), facets=name)
+        return float(basis.dx.sum())
+
+    mesh = body(cells)
+    fine = refined(mesh)
+    assert set(fine.boundaries) == {"clamp", "symmetry", "cavity"}
+    for name in mesh.boundaries:
+        assert area(fine, name) == pytest.approx(area(mesh, name), rel=1e-12)
+    assert (fine.p[0, fine.facets[:, fine.boundaries["clamp"]]] == 0).all()
+
+
+@pytest.mark.parametrize("cells", ["hexahedra", "tetrahedra"])
+def test_parts_lie_in_their_whole(cells: str) -> None:
+    mesh = body(cells)
+    fine = refined(mesh)
+    local = mesh.mapping().invF(fine.p[:, fine.t].mean(axis=1)[:, :, None], tind=parents(mesh, fine))
+    assert local.min() > 0
+    assert (local.max() if cells == "hexahedra" else local.sum(axis=0).max()) < 1
+
+
+@pytest.mark.parametrize("kind", sorted(ELEMENTS))
+def test_quadratic_displacement_and_its_pressure_are_carried_over(kind: str) -> None:
+    mesh = body(ELEMENTS[kind].cells)
+    coarse, fine = (discretise(each, ELEMENTS[kind]) for each in (mesh, refined(mesh)))
+
+    def field(x: np.ndarray) -> np.ndarray:
+        return 1e-4 * np.stack([x[:, 0] * x[:, 2], x[:, 1] ** 2 - x[:, 0], 3 * x[:, 2] ** 2], axis=1)
+
+    found = prolonged(coarse, fine, field(coarse.positions))
+    np.testing.assert_allclose(found, field(fine.positions), atol=1e-12)
+    stretch = np.array([1.01, 0.995, 0.99]) - 1
+    pressure = prolonged_pressure(Solid(coarse, Yeoh()), fine, stretch * coarse.positions)
+    np.testing.assert_allclose(pressure, Yeoh().bulk_modulus_mpa * (np.prod(1 + stretch) - 1), rtol=1e-9)
+
+
+def test_estimate_is_near_the_truth() -> None:
+    finger = pneunet()
+    model = Model(finger, 6.0, "hex27_p1")
+    history = model.load(finger.max_kpa, 1e-6, 1e-3)
+    estimate = model.discretisation_error(history)
+    assert estimate is not None
+
+    fine = model.equilibrium_on(refined(model.mesh), "off")
+    displacement, solver = np.zeros(fine.free.shape), symmetric_solver()
+    for kpa in (0.0, 10.0, finger.max_kpa):
+        displacement = solve(fine, solver, displacement, Load(1.0, 1e-3 * kpa), 1e-6).displacement
+    start = prolonged(model.discretisation, fine.solid.discretisation, history.branch.displacements[-1])
+    truth = DiscretisationError.of(fine.solid.discretisation.positions, start, displacement - start, finger.max_kpa)
+    assert estimate.tip_mm == pytest.approx(truth.tip_mm, rel=0.5)
+    assert estimate.largest_mm == pytest.approx(truth.largest_mm, rel=0.5)
+    assert estimate.kpa == finger.max_kpa
