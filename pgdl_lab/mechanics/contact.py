@@ -164,3 +164,10 @@ def collisions(mesh: "ipctk.CollisionMesh", vertices: Array, reach_mm: float) ->
     found.use_area_weighting = True
     found.build(mesh, vertices, reach_mm)
     return found
+
+
+class NoContact(Contact):
+    """Contact that never acts, and needs no skin."""
+
+    def __init__(self) -> None:
+        self.mode, self.active = "off", False

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.cavity import Cavity
-from pgdl_lab.mechanics.contact import Contact
+from pgdl_lab.mechanics.contact import Contact, NoContact
 from pgdl_lab.mechanics.discretisation_error import DiscretisationError, estimate, refined
-from pgdl_lab.mechanics.elements import ELEMENTS, choose, discretise
+from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
@@ -144,13 +144,13 @@ class Model:
         self.mesh = finger.mesh(edge_mm)
         self.element = choose(element, self.mesh)
         self.contact_mm = contact_mm
-        self.equilibrium = self.equilibrium_on(self.mesh, contact)
+        self.equilibrium = self.equilibrium_on(self.mesh, lambda on: self._contact(on, contact))
         self.discretisation = self.equilibrium.solid.discretisation
         self.solver = symmetric_solver()
 
-    def equilibrium_on(self, mesh: "Mesh", contact: str) -> Equilibrium:
-        """What balances in the finger on `mesh` [mm], with contact in the mode `contact`."""
-        material, weight = self.finger.material, self.finger.body_force_n_mm3
+    def equilibrium_on(self, mesh: "Mesh", contact: Callable[[Discretisation], Contact]) -> Equilibrium:
+        """What balances in the finger on `mesh` [mm], with the contact made for it."""
+        weight = self.finger.body_force_n_mm3
         discretisation = discretise(mesh, ELEMENTS[self.element])
         basis = discretisation.basis
         free = np.ones(discretisation.positions.shape, dtype=bool)
@@ -158,12 +158,15 @@ class Model:
         if "symmetry" in mesh.boundaries:
             free[basis.get_dofs("symmetry").all(), 1] = False
         return Equilibrium(
-            Solid(discretisation, material),
+            Solid(discretisation, self.finger.material),
             Cavity(basis),
             np.array([weight[0], 0.0, weight[1]]),
             free,
-            Contact(discretisation, self.contact_mm, material.shear_modulus_mpa / 40, mode=contact),
+            contact(discretisation),
         )
+
+    def _contact(self, discretisation: Discretisation, mode: str) -> Contact:
+        return Contact(discretisation, self.contact_mm, self.finger.material.shear_modulus_mpa / 40, mode=mode)
 
     def load(self, max_kpa: float, newton_mm: float, interpolation_mm: float) -> History:
         """Apply the weight, then the pressure up to `max_kpa` [kPa].
@@ -220,8 +223,15 @@ class Model:
 
     def discretisation_error(self, history: History) -> DiscretisationError | None:
         """Estimated for the equilibrium at the highest pressure; None if none can be had."""
-        fine = self.equilibrium_on(refined(self.mesh), "on" if self.equilibrium.contact.active else "off")
-        return estimate(self.equilibrium, fine, history.branch.displacements[-1], history.reached_kpa)
+        highest, contact = history.branch.displacements[-1], self.equilibrium.contact
+        touching = contact.active and contact.near(highest)
+        try:
+            fine = self.equilibrium_on(
+                refined(self.mesh), lambda on: self._contact(on, "on") if touching else NoContact()
+            )
+        except InputError:
+            return None  # contact reaches too far for the finer mesh
+        return estimate(self.equilibrium, fine, highest, history.reached_kpa)
 
     def contact_report(self, history: History) -> dict[str, Any]:
         """Whether contact acted, the smallest gap [mm] (None: none near) and the pressures [kPa] with penetration."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.cavity import Cavity
-from pgdl_lab.mechanics.contact import Contact
+from pgdl_lab.mechanics.contact import Contact, NoContact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.finite_strain import LoadLeg

@@ -5,6 +5,7 @@ import pytest
 import skfem
 from skfem import Mesh
 
+from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.discretisation_error import DiscretisationError, parents, prolonged, prolonged_pressure, refined
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise
 from pgdl_lab.mechanics.equilibrium import Load
@@ -66,7 +67,7 @@ def test_estimate_is_near_the_truth() -> None:
     estimate = model.discretisation_error(history)
     assert estimate is not None
 
-    fine = model.equilibrium_on(refined(model.mesh), "off")
+    fine = model.equilibrium_on(refined(model.mesh), lambda _: NoContact())
     displacement, solver = np.zeros(fine.free.shape), symmetric_solver()
     for kpa in (0.0, 10.0, finger.max_kpa):
         displacement = solve(fine, solver, displacement, Load(1.0, 1e-3 * kpa), 1e-6).displacement
