@@ -18,6 +18,7 @@ class Rod(Fem):
 
     Each segment from gap to gap is solved once in three dimensions at small strain; only rotations are large. Walls
     that stiffen, chambers that swell and contact are left out. For fingers with a profile; there is no body to show.
+    The tip is 9 to 16 % off at half and full pressure (benchmarks/rungs.py), and 1 to 4 % on short fingers at small loads.
 
     Attributes
     ----------
