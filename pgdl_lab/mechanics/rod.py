@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.assembly import Assembler
+from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.equilibrium import Balance, Equilibrium, Load
-from pgdl_lab.mechanics.nocontact import NoContact
 
 Array = NDArray[np.float64]
 
@@ -97,12 +97,13 @@ class Rod(Equilibrium):
         second[:, 1, :3, 2] = second[:, 1, 2, :3] = np.column_stack([-cos, -sin, -shear])
         return np.column_stack([stretch - 1, shear, curvature]), first, second
 
-    def balance(self, displacement: Array, load: Load, *, stiffness: bool) -> Balance:
+    def balance(self, displacement: Array, load: Load, *, stiffness: bool, pressure: Array | None = None) -> Balance:
+        """As of a solid; a rod has no `pressure` inside."""
         strain, first, second = self._kinematics(displacement)
-        law, pressure = self.sections, load.pressure_mpa * self.sections.air
+        law, blown = self.sections, load.pressure_mpa * self.sections.air
         elastic = np.einsum("eij,ej->ei", law.stiffness, strain)
-        energy = float((self.length[:, None] * (elastic / 2 - pressure) * strain).sum())
-        resultants = self.length[:, None] * (elastic - pressure)
+        energy = float((self.length[:, None] * (elastic / 2 - blown) * strain).sum())
+        resultants = self.length[:, None] * (elastic - blown)
         gradient = np.einsum("ei,eia->ea", resultants, first)
 
         # The centre of mass is carried around by the section: it lies at lever (−sin φ, cos φ) from the axis.

@@ -15,7 +15,6 @@ from pgdl_lab.mechanics.finite_strain import LoadLeg
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Material
 from pgdl_lab.mechanics.newton import solve
-from pgdl_lab.mechanics.nocontact import NoContact
 from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.solid import Solid
 

@@ -7,9 +7,9 @@ import numpy as np
 from skfem import MeshQuad, MeshQuad2
 
 from pgdl_lab.mechanics.air import Air
+from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.material import Yeoh
-from pgdl_lab.mechanics.nocontact import NoContact
 from pgdl_lab.mechanics.section import discretise_plane, part
 from pgdl_lab.mechanics.solid import Solid
 from pgdl_lab.verification.benchmark import Check, benchmark

@@ -18,7 +18,8 @@ class Rod(Fem):
 
     Each segment from gap to gap is solved once in three dimensions at small strain; only rotations are large. Walls
     that stiffen, chambers that swell and contact are left out. For fingers with a profile; there is no body to show.
-    The tip is 9 to 16 % off at half and full pressure (benchmarks/rungs.py), and 1 to 4 % on short fingers at small loads.
+    At half and full pressure the tip is 9 to 16 % off (benchmarks/rungs.py); at small loads, on short fingers, 1 to 2 %
+    under pressure and 2 to 9 % under weight.
 
     Attributes
     ----------

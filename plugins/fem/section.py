@@ -16,10 +16,10 @@ from pgdl_lab.snapshots import Observation, Snapshots
 class Section(Fem):
     """Plane strain at finite strain, with a layer across the cavities for the side walls; follower pressure and weight.
 
-    A calibrated model: the share of the side walls has the least error on finger=pneunet of 0.03, 0.04, … 0.08, over all
+    A calibrated model: of 0.03, 0.04, … 0.08 the share of the side walls has the least error on finger=pneunet over all
     pressures. It does not carry over to every finger: at full pressure the tip is 20 % off on pneunet and joints, but
-    63 % on bellows (benchmarks/rungs.py); fem=rod is as fast and nearer. Contact is left out. For fingers with a profile;
-    there is no body to show.
+    63 % on bellows (benchmarks/rungs.py); fem=rod is as fast and nearer. Contact is left out. For fingers with a
+    profile; there is no body to show.
 
     Attributes
     ----------
