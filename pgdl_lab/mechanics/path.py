@@ -100,7 +100,7 @@ def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Calla
     PathEnded
         When the step has become too small.
     """
-    branch, step = Branch(), first_step
+    branch, step, nodes = Branch(), first_step, NODES
     branch.add(leg, start, 0.0)
     while branch.parameters[-1] < stop:
         here = branch.parameters[-1]
@@ -109,17 +109,18 @@ def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Calla
         if step > 0.7 * remaining:  # no tiny last step
             step = remaining if step >= remaining else remaining / 2
         target = stop if step == remaining else here + step
-        guess = branch.at(target)
+        guesses = [branch.at(target, known) for known in range(1, min(NODES, len(branch.parameters)) + 1)]
         try:
-            branch.add(leg, guess, target)
+            branch.add(leg, guesses[min(nodes, len(guesses)) - 1], target)
         except NoConvergence:
             step /= 4
             if step < SMALLEST_STEP * stop:
                 raise PathEnded(branch) from None
             continue
-        error = float(np.abs(branch.displacements[-1] - guess).max())
-        order = 2 * min(NODES, len(branch.parameters) - 1)
-        step *= float(np.clip((PREDICTOR_ERROR_MM / max(error, 1e-12)) ** (1 / order), 0.3, GROWTH))
+        errors = [float(np.abs(branch.displacements[-1] - guess).max()) for guess in guesses]
+        best = 1 + int(np.argmin(errors))
+        nodes = NODES if best == len(guesses) else best  # few after a kink
+        step *= float(np.clip((PREDICTOR_ERROR_MM / max(min(errors), 1e-12)) ** (1 / (2 * best)), 0.3, GROWTH))
         report(target)
     return branch
 
@@ -134,13 +135,19 @@ def refine(leg: Leg, branch: Branch, tolerance_mm: float) -> float:
     while intervals:
         start, stop = intervals.pop()
         middle, error = (start + stop) / 2, branch.doubt(start, stop)
-        if error > tolerance_mm and stop - start > SMALLEST_INTERVAL * branch.parameters[-1]:
-            try:
-                branch.add(leg, branch.at(middle), middle)
-            except NoConvergence:
-                pass
-            else:
-                intervals += [(start, middle), (middle, stop)]
-                continue
-        worst = max(worst, error)
+        wanted = error > tolerance_mm and stop - start > SMALLEST_INTERVAL * branch.parameters[-1]
+        # Across a kink, few equilibria serve better.
+        if wanted and any(added(leg, branch, middle, nodes) for nodes in (NODES, 2)):
+            intervals += [(start, middle), (middle, stop)]
+        else:
+            worst = max(worst, error)
     return worst
+
+
+def added(leg: Leg, branch: Branch, parameter: float, nodes: int) -> bool:
+    """Whether an equilibrium was found at `parameter` from the polynomial through `nodes` equilibria, and added."""
+    try:
+        branch.add(leg, branch.at(parameter, nodes), parameter)
+    except NoConvergence:
+        return False
+    return True

@@ -131,23 +131,19 @@ def hertz(quick: bool) -> Iterator[Check]:
         curved(block, named, place), "hex27_p1", material, {"axis": "x", "bottom": "y", "top": "xy", "body": "z"},
         lambda elements: Contact(elements, reach, young, "on"),
     )  # fmt: skip
-    displacement = press(equilibrium, 0.09, 0.03)
-    force = -2 * reaction(equilibrium, displacement, Load(0.0, 0.0), nodes_on(equilibrium, "top"))[1] / thick[-1]
-    half_width = (4 * force * HERTZ_RADIUS_MM * 2 * (1 - poisson**2) / (np.pi * young)) ** 0.5
-    pushes = equilibrium.contact.response(displacement, hessian=False).forces[:, 1]
     positions = equilibrium.solid.discretisation.positions
     below = positions[:, 1] < gap / 2
-    x = (positions + displacement)[below, 0]
-    found = 2 * ((pushes[below] * x**2).sum() / pushes[below].sum()) ** 0.5
-    yield Check(
-        f"half width of contact at {force:.3g} N/mm [mm]", float(half_width), float(found), 0.02 * float(half_width),
-        "H. Hertz 1882; K. L. Johnson, Contact Mechanics, 1985, section 4.2",
-    )  # fmt: skip
-    pressures = pushes[below]
-    yield Check(
-        "force between the bodies over the load [–]",
-        1.0,
-        float(2 * abs(pressures.sum()) / thick[-1] / force),
-        1e-6,
-        "equilibrium",
-    )
+    for way in (0.05, 0.09):
+        displacement = press(equilibrium, way, 0.03)
+        top = reaction(equilibrium, displacement, Load(0.0, 0.0), nodes_on(equilibrium, "top"))
+        force = -2 * float(top[1]) / thick[-1]
+        half_width = (4 * force * HERTZ_RADIUS_MM * 2 * (1 - poisson**2) / (np.pi * young)) ** 0.5
+        pushes = equilibrium.contact.response(displacement, hessian=False).forces[below, 1]
+        x = (positions + displacement)[below, 0]
+        found = 2 * float((pushes * x**2).sum() / pushes.sum()) ** 0.5
+        yield Check(
+            f"half width of contact at {force:.3g} N/mm [mm]", half_width, found, 0.02 * half_width,
+            "H. Hertz 1882; K. L. Johnson, Contact Mechanics, 1985, section 4.2",
+        )  # fmt: skip
+    share = 2 * abs(float(pushes.sum())) / thick[-1] / force
+    yield Check("force between the bodies over the load [–]", 1.0, share, 1e-6, "equilibrium")

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from skfem import MeshHex
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.fem import SimulationStopped
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
@@ -192,3 +193,12 @@ def test_bodies_do_not_pass_each_other_within_a_step() -> None:
         branch.add(leg, beyond, 1.0)
     held = follow(leg, rest, 1.0, 0.04, lambda _: None).displacements[-1]
     assert (plates.height + held[:, 2])[plates.tip].min() > -1.0
+
+
+def test_limit_point_with_contact_keeps_what_converged() -> None:
+    finger = pneunet(wall_mm=1.5, side_wall_mm=1.5, gap_mm=0.3, max_kpa=60.0)
+    with pytest.raises(SimulationStopped, match=r"equilibrium up to 4\d.* kPa, but not at finger.max_kpa=60") as caught:
+        solid(interpolation_mm=0.1).simulate(replace(finger, material=Yeoh(c2_mpa=0.0)), OBSERVATION)
+    kept = caught.value.snapshots
+    assert kept.provenance["contact"]["acted"] and kept.provenance["contact"]["penetration_kpa"] == []
+    np.testing.assert_allclose(kept.pressures_kpa, 6.0 * np.arange(1, 8))

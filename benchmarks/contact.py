@@ -1,0 +1,185 @@
+"""A thin-walled finger whose chambers touch, with contact and without, and what watching for contact costs.
+
+    python benchmarks/contact.py [--figure docs/figures/contact.png]
+
+The finger is `pneunet` with walls of 1.5 mm and gaps of 0.5 mm, to its full pressure. At each of 100 snapshots surfaces
+are tested for crossings, and the smallest distance between them is taken. The overhead is that of `fem.contact=auto`
+over `fem.contact=off` on the finger with default dimensions, where nothing touches: medians of alternating runs.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import registry
+from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.skin import sampled, skin
+
+Array = NDArray[np.float64]
+
+EDGE_MM, REACH_MM, NEWTON_MM = 6.0, 0.05, 1e-6
+INTERPOLATION_MM = 1e-2  # of the finger that touches itself: each place that comes in touch is a kink in its path
+SNAPSHOTS = 100
+SHOWN = 39  # the snapshot drawn: 20 kPa
+MIDDLE_OF_GAP_MM = (87.75, 0.0, 9.9)  # at rest, between the eighth chamber and the ninth
+REPEATS = 3
+
+
+def thin_walled() -> Finger:
+    """The finger whose chambers touch."""
+    finger: Finger = registry.plugin("finger", "pneunet")(wall_mm=1.5, side_wall_mm=1.5, gap_mm=0.5)
+    return finger
+
+
+@dataclass(frozen=True)
+class Inflation:
+    """What became of the thin-walled finger.
+
+    Attributes
+    ----------
+    model
+        Its mesh and equilibrium.
+    seconds
+        Time of the load path [s].
+    equilibria, iterations
+        How many of each.
+    interpolation_mm
+        Largest estimated error between the equilibria [mm].
+    pressures_kpa
+        Of the snapshots reached [kPa].
+    displacements
+        (N, 3) each [mm].
+    gaps_mm
+        Smallest distance between surfaces [mm]; infinite where they are far apart.
+    crossed
+        Whether surfaces cross.
+    """
+
+    model: Model
+    seconds: float
+    equilibria: int
+    iterations: int
+    interpolation_mm: float
+    pressures_kpa: Array
+    displacements: Sequence[Array]
+    gaps_mm: Array
+    crossed: NDArray[np.bool_]
+
+
+def inflate(mode: str) -> Inflation:
+    """Weight and pressure on the thin-walled finger with contact in `mode`."""
+    finger = thin_walled()
+    model = Model(finger, EDGE_MM, "auto", mode, REACH_MM)
+    began = time.perf_counter()
+    history = model.load(finger.max_kpa, NEWTON_MM, INTERPOLATION_MM)
+    seconds = time.perf_counter() - began
+    pressures = np.linspace(finger.max_kpa / SNAPSHOTS, finger.max_kpa, SNAPSHOTS)
+    pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
+    displacements = [history.at(kpa) for kpa in pressures]
+    contact = model.equilibrium.contact
+    return Inflation(
+        model,
+        seconds,
+        len(history.branch.parameters),
+        history.iterations,
+        history.interpolation_mm,
+        pressures,
+        displacements,
+        np.array([contact.gap_mm(displacement) for displacement in displacements]),
+        np.array([contact.penetrates(displacement) for displacement in displacements]),
+    )
+
+
+def overhead() -> dict[str, float]:
+    """Median time of the load path of the finger with default dimensions [s], by mode of contact."""
+    finger: Finger = registry.plugin("finger", "pneunet")()
+    times: dict[str, list[float]] = {"off": [], "auto": []}
+    for _ in range(REPEATS):
+        for mode, taken in times.items():
+            model = Model(finger, EDGE_MM, "auto", mode, REACH_MM)
+            began = time.perf_counter()
+            model.load(finger.max_kpa, NEWTON_MM, 1e-5)
+            taken.append(time.perf_counter() - began)
+    return {mode: median(taken) for mode, taken in times.items()}
+
+
+def draw(inflations: dict[str, Inflation], path: Path) -> None:
+    """The gap over the pressure, and two chambers in the plane of symmetry where they press on each other."""
+    import matplotlib.pyplot as plt
+    from matplotlib.collections import LineCollection
+
+    figure, axes = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
+    touching = inflations["auto"]
+    axes[0].plot(touching.pressures_kpa, touching.gaps_mm, color="tab:blue", label="contact=auto")
+    for mode, inflation in inflations.items():
+        crossed = inflation.pressures_kpa[inflation.crossed]
+        if len(crossed):
+            axes[0].axvspan(
+                crossed[0], crossed[-1], color="tab:red", alpha=0.15, label=f"contact={mode}: surfaces cross"
+            )
+    axes[0].axhline(REACH_MM, color="black", linestyle=":", label="reach of contact")
+    axes[0].set(xlabel="pressure [kPa]", ylabel="smallest gap [mm]", ylim=(0, None), title="Smallest gap")
+    axes[0].legend(loc="lower left")
+    for axis, (mode, inflation) in zip(axes[1:], inflations.items(), strict=True):
+        discretisation, displacement = inflation.model.discretisation, inflation.displacements[SHOWN]
+        surface = sampled(skin(discretisation), discretisation.positions, 8)
+        outline = surface.edges[(surface.rest_positions[surface.edges][:, :, 1] < 1e-9).all(axis=1)]
+        at = surface.displace_vertices(np.asfortranarray(displacement))[:, [0, 2]]
+        axis.add_collection(LineCollection(list(at[outline]), colors="0.2", linewidths=1.2))
+        away = np.linalg.norm(surface.rest_positions - MIDDLE_OF_GAP_MM, axis=1)
+        centre = at[np.argsort(away)[:2]].mean(axis=0)
+        axis.set(xlim=centre[0] + np.array([-3, 3]), ylim=centre[1] + np.array([-3, 3]), aspect="equal")
+        axis.set(
+            xlabel="x [mm]",
+            ylabel="z [mm]",
+            title=f"Two chambers, contact={mode}, {inflation.pressures_kpa[SHOWN]:g} kPa",
+        )
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    """Simulate, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--figure", type=Path, default=Path("docs/figures/contact.png"))
+    arguments = parser.parse_args()
+    registry.discover()
+    inflations = {mode: inflate(mode) for mode in ("auto", "off")}
+    table = Table(
+        "contact",
+        "reached kPa",
+        "equilibria",
+        "iterations",
+        "between mm",
+        "time s",
+        "snapshots that cross",
+        "least gap mm",
+    )
+    for mode, inflation in inflations.items():
+        table.add_row(
+            mode,
+            f"{inflation.pressures_kpa[-1]:g}",
+            str(inflation.equilibria),
+            str(inflation.iterations),
+            f"{inflation.interpolation_mm:.2g}",
+            f"{inflation.seconds:.0f}",
+            f"{inflation.crossed.sum()} of {len(inflation.crossed)}",
+            f"{inflation.gaps_mm.min():.4f}",
+        )
+    Console().print(table)
+    draw(inflations, arguments.figure)
+    taken = overhead()
+    share = taken["auto"] / taken["off"] - 1
+    print(f"default finger, nothing touches: off {taken['off']:.2f} s, auto {taken['auto']:.2f} s, {share:+.1%}")
+
+
+if __name__ == "__main__":
+    main()
