@@ -48,6 +48,7 @@ def test_strains_do_not_see_rigid_motion() -> None:
 
 
 def test_fingers_are_cut_in_gaps_and_long_columns() -> None:
+    registry.discover()
     profile = registry.plugin("finger", "pneunet")(chambers=2, root_mm=20.0).profile()
     np.testing.assert_allclose(cuts(profile), [0, 11.5, 31, 42])  # block and wall are one column of 23 mm
     piece = between(profile, 11.5, 31)
