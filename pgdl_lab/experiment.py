@@ -14,7 +14,7 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.loss import Loss
 from pgdl_lab.model import Model
-from pgdl_lab.registry import KINDS, PARTS, config_node, restored
+from pgdl_lab.registry import KINDS, PARTS, config_node, plugin, restored
 from pgdl_lab.snapshots import Observation
 from pgdl_lab.split import Split
 
@@ -35,6 +35,7 @@ class Experiment:
     optimizer: OptimizerSettings
     trainer: TrainerSettings
     seed: int
+    yardstick: Model | None
 
     def __post_init__(self) -> None:
         if not isinstance(self.seed, int) or not 0 <= self.seed < 2**32:
@@ -60,6 +61,9 @@ class Experiment:
                 raise InputError(
                     f"{name}={parts[name]} names no field: set {name}.{fields(settings)[0].name} or another."
                 )
+        # a run does not measure itself; runs of earlier versions name no yardstick
+        name = config.get("yardstick")
+        parts["yardstick"] = plugin("model", name)() if name and name != parts["model"].name else None
         return cls(**{field.name: parts[field.name] for field in fields(cls)})
 
 

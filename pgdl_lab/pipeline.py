@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from pgdl_lab import paths
+from pgdl_lab.assessment import yardstick as yardsticks
 from pgdl_lab.assessment.assess import Labels, assess
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.cache import simulate
@@ -76,6 +77,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         raise
     surrogate.save(folder / "surrogate.pt")
     seconds["train"] = time.perf_counter() - start
+    beside = experiment.yardstick
+    yardstick = yardsticks.measure(beside, training, snapshots, train) if beside else None
 
     labels = Labels(
         finger=describe(finger)["name"],
@@ -85,7 +88,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         losses=list(experiment.loss),
         seed=seed,
     )
-    assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder)
+    assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder, yardstick)
     Console().print(closing_table(assessment.metrics, assessment.highlights))
     _log.info("Everything of this run is in %s", folder)
     return assessment.metrics

@@ -25,6 +25,17 @@ def test_an_experiment_is_made_of_plugins() -> None:
     assert registry.describe(made.split)["name"] == "extrapolate"
     assert {name: loss.weight for name, loss in made.loss.items()} == {"data": 1.0, "boundary": 2.0}
     assert made.seed == 5
+    assert registry.describe(made.yardstick)["name"] == "finite_element"
+
+
+@pytest.mark.parametrize("typed", ["yardstick=null", "model=finite_element"])
+def test_no_yardstick_is_measured_where_none_is_wanted_or_it_is_the_model(typed: str) -> None:
+    assert experiment.Experiment.from_config(composed(typed)).yardstick is None
+
+
+def test_an_unknown_yardstick_is_refused() -> None:
+    with pytest.raises(InputError, match="There is no model 'finite_elements'. Did you mean 'finite_element'"):
+        experiment.Experiment.from_config(composed("yardstick=finite_elements"))
 
 
 def test_a_stored_configuration_makes_the_same_experiment(tmp_path: Path) -> None:

@@ -70,6 +70,7 @@ def assess(
     labels: Labels,
     seconds: Mapping[str, float],
     folder: Path,
+    yardstick: Mapping[str, Any] | None = None,
 ) -> Assessment:
     """Judge `surrogate` on all of `snapshots` and write `<folder>/metrics.json` and `<folder>/figures/*.png`.
 
@@ -89,10 +90,13 @@ def assess(
         Times so far: "simulate", "simulate_cached", "train" [s]; "assess" is added.
     folder
         Run folder.
+    yardstick
+        What `yardstick.measure` found, if there is one.
     """
     start = time.perf_counter()
     predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
-    comparison = Comparison(snapshots, predicted, train)
+    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+    comparison = Comparison(snapshots, predicted, train, bars)
     highlights = split.highlights(snapshots.pressures_kpa)
     figures = draw(comparison, highlights, surrogate.record.history, folder / "figures")
     metrics = {
@@ -102,12 +106,14 @@ def assess(
         "test_points": int(comparison.unseen.sum()),
         "seconds": {},
         "mse_mm2": comparison.mse_mm2(),
+        "error_bar": comparison.error_bar(),
         "by_pressure": comparison.by_pressure(),
         "extremes_mm": comparison.extremes_mm(),
         "curvature": comparison.curvature(),
         "latency_ms": latency_ms(
             surrogate, snapshots.points, int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
         ),
+        "yardstick": yardstick,
     }
     metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}
     with replacing(folder / "metrics.json") as temporary:

@@ -25,11 +25,14 @@ class Comparison:
         (P, N, 2), displacements by the surrogate [mm].
     train
         (n,), indices of the training points.
+    bars_mm
+        (P, N), the surrogate's own error bars [mm], or None if it has none.
     """
 
     snapshots: Snapshots
     predicted_mm: Floats
     train: NDArray[np.int64]
+    bars_mm: Floats | None = None
 
     @cached_property
     def unseen(self) -> NDArray[np.bool_]:
@@ -54,14 +57,27 @@ class Comparison:
         x, z = (self.error_mm[self.unseen] ** 2).mean(axis=0)
         return {"x": float(x), "z": float(z)}
 
+    def error_bar(self) -> dict[str, float] | None:
+        """Share of the unseen points whose error the bar covers, by component, and the bar's median [mm]."""
+        if self.bars_mm is None:
+            return None
+        bars = self.bars_mm[self.unseen]
+        x, z = (np.abs(self.error_mm[self.unseen]) <= bars[:, None]).mean(axis=0)
+        return {"covered_x": float(x), "covered_z": float(z), "median_mm": float(np.median(bars))}
+
     def by_pressure(self) -> list[dict[str, Any]]:
-        """Errors of each snapshot over its unseen points; "seen" tells whether it gave training points."""
+        """Errors of each snapshot over its unseen points.
+
+        "seen" tells whether it gave training points, "covered" which share of the errors the error bars cover.
+        """
         rows = []
-        for kpa, seen, unseen, error in zip(
-            self.snapshots.pressures_kpa, self.seen_snapshots(), self.unseen, self.error_mm, strict=True
+        bars = [None] * len(self.unseen) if self.bars_mm is None else self.bars_mm
+        for kpa, seen, unseen, error, bar in zip(
+            self.snapshots.pressures_kpa, self.seen_snapshots(), self.unseen, self.error_mm, bars, strict=True
         ):
             # a snapshot that was trained on as a whole has no unseen points: its training errors stand in
-            judged = error[unseen] if unseen.any() else error
+            which = unseen if unseen.any() else np.ones_like(unseen)
+            judged = error[which]
             x, z = (judged**2).mean(axis=0)
             rows.append({
                 "kpa": float(kpa),
@@ -69,6 +85,7 @@ class Comparison:
                 "mse_x_mm2": float(x),
                 "mse_z_mm2": float(z),
                 "max_abs_mm": float(np.abs(judged).max()),
+                "covered": None if bar is None else float((np.abs(judged) <= bar[which, None]).mean()),
             })  # fmt: skip
         return rows
 

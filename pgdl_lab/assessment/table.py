@@ -12,7 +12,7 @@ from pgdl_lab.assessment.paper import Published, published
 
 
 def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Group:
-    """Tables of the errors at the highlighted snapshots and of the extremes at the highest pressure.
+    """Tables of the errors at the highlighted snapshots, beside a yardstick's, and of the highest pressure's extremes.
 
     Parameters
     ----------
@@ -22,7 +22,8 @@ def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Gro
         Indices of the snapshots that are listed.
     """
     paper = published(metrics["finger"], metrics["split"])
-    return Group(_errors(metrics, highlights, paper), _extremes(metrics, paper), _times(metrics))
+    beside = [_beside(metrics, highlights)] if metrics["yardstick"] or metrics["error_bar"] else []
+    return Group(_errors(metrics, highlights, paper), *beside, _extremes(metrics, paper), _times(metrics))
 
 
 def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Published) -> Table:
@@ -42,6 +43,31 @@ def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Publi
     mse, most = metrics["mse_mm2"], max(row["max_abs_mm"] for row in metrics["by_pressure"])
     table.add_section()
     table.add_row("all", "", f"{mse['x']:.2e}", "–", f"{mse['z']:.2e}", "–", f"{most:.3g}")
+    return table
+
+
+def _beside(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Table:
+    """Share of the errors that the error bars cover, and the yardstick's mean squared errors."""
+    yardstick, bars = metrics["yardstick"], metrics["error_bar"]
+    title = [f"in its error bar (median {bars['median_mm']:.1e} mm)"] if bars else []
+    title += [f"yardstick {yardstick['model']}, trained in {yardstick['seconds']:.1f} s"] if yardstick else []
+    table = Table(title=f"The same points: {'; '.join(title)}")
+    for heading in ("pressure [kPa]", "in error bar", "yardstick's x [mm²]", "z [mm²]", "max |error| [mm]"):
+        table.add_column(Text(heading), justify="right")
+
+    def add(kpa: str, covered: float | None, errors: list[float]) -> None:
+        numbers = (f"{errors[0]:.2e}", f"{errors[1]:.2e}", f"{errors[2]:.3g}") if errors else ("–", "–", "–")
+        table.add_row(kpa, "–" if covered is None else f"{covered:.1%}", *numbers)
+
+    rows = yardstick["by_pressure"] if yardstick else []
+    for snapshot in highlights:
+        own = metrics["by_pressure"][snapshot]
+        names = ("mse_x_mm2", "mse_z_mm2", "max_abs_mm")
+        add(f"{own['kpa']:g}", own["covered"], [rows[snapshot][name] for name in names] if rows else [])
+    table.add_section()
+    covered = (bars["covered_x"] + bars["covered_z"]) / 2 if bars else None
+    most = max((row["max_abs_mm"] for row in rows), default=0.0)
+    add("all", covered, [*yardstick["mse_mm2"].values(), most] if yardstick else [])
     return table
 
 

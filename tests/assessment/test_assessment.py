@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,18 @@ from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.curvature import mean_curvature_per_m, rms_distance_mm
 from pgdl_lab.assessment.paper import PUBLISHED, published
 from pgdl_lab.assessment.table import closing_table
+from pgdl_lab.assessment.yardstick import measure
 from pgdl_lab.registry import discover, plugin
 from pgdl_lab.surrogate import Record, Surrogate
 from tests.synthetic import MAX_KPA, bend
-from tests.trainings import TRAIN, small
+from tests.trainings import TRAIN, small, training
 
 discover()
 TERM = {"raw/data": 2.0, "weighted/data": 4.0, "share/data": 1.0}
 ENTRY = {"epoch": 1.0, "seconds": 1.0, "lr": 1e-3, "loss": 4.0, **TERM}
+
+
+LABELS = Labels("pneunet", "solid", "random", "mlp", ["data"], 0)
 
 
 class Shifted(Surrogate):
@@ -81,20 +86,20 @@ def test_snapshots_without_training_points_are_unseen() -> None:
 @pytest.mark.parametrize("split", ["random", "extrapolate"])
 def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     data = small()
-    labels = Labels("pneunet", "solid", split, "mlp", ["data"], 0)
+    labels = replace(LABELS, split=split)
     seconds = {"simulate": 1.0, "simulate_cached": 0.0, "train": 2.0}
     found = assess(Shifted(), data, TRAIN, plugin("split", split)(), labels, seconds, tmp_path)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics == json.loads(json.dumps(found.metrics))
     assert list(metrics) == [
         "finger", "fem", "split", "model", "losses", "seed", "points", "train_points", "test_points", "seconds",
-        "mse_mm2", "by_pressure", "extremes_mm", "curvature", "latency_ms",
+        "mse_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "yardstick",
     ]  # fmt: skip
     assert metrics["points"] == metrics["train_points"] + metrics["test_points"] == 20 * len(data.points)
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
     assert metrics["mse_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
     assert len(metrics["by_pressure"]) == len(metrics["curvature"]) == 20
-    assert set(metrics["by_pressure"][0]) == {"kpa", "seen", "mse_x_mm2", "mse_z_mm2", "max_abs_mm"}
+    assert set(metrics["by_pressure"][0]) == {"kpa", "seen", "mse_x_mm2", "mse_z_mm2", "max_abs_mm", "covered"}
     assert metrics["curvature"][-1]["kpa"] == MAX_KPA
     assert metrics["curvature"][-1]["rms_distance_mm"] == pytest.approx(np.hypot(0.3, 0.1))
     extremes = metrics["extremes_mm"]
@@ -109,6 +114,34 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     text = console.export_text()
     assert all(unit in text for unit in ("[kPa]", "[mm²]", "[mm]", "[s]", "[ms]"))
     assert "9.00e-02" in text and "-63.43" in text and ("0.017" in text) == (split == "extrapolate")
+
+
+def test_coverage_is_the_share_of_unseen_errors_within_the_bars() -> None:
+    data = small()
+    train = np.arange(0, data.displacements.size // 2, 7)
+    bars = np.full(data.displacements.shape[:2], 0.2)  # of errors (0.3, −0.1)
+    bars[4:] = 0.4
+    bars.flat[train] = 99.0  # must not show
+    comparison = Comparison(data, data.displacements + [0.3, -0.1], train, bars)
+    found = comparison.error_bar()
+    assert found is not None and found["covered_z"] == 1 and found["median_mm"] == 0.4
+    assert found["covered_x"] == pytest.approx(0.8, abs=0.01)
+    assert [row["covered"] for row in comparison.by_pressure()] == [0.5] * 4 + [1.0] * 16
+
+
+def test_table_shows_the_yardstick_and_the_coverage_beside_the_model(tmp_path: Path) -> None:
+    data, split = small(), plugin("split", "random")()
+    chosen = training(tmp_path, {"data": {}, "navier_cauchy": {}})
+    yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN)
+    assert yardstick["model"] == "finite_element" and yardstick["mse_mm2"]["x"] < 1e-2
+    found = assess(Shifted(), data, TRAIN, split, LABELS, {}, tmp_path, yardstick)
+    barred = {**found.metrics, "error_bar": {"covered_x": 0.9, "covered_z": 1.0, "median_mm": 1.0}}
+    barred["by_pressure"] = [{**row, "covered": 0.777} for row in found.metrics["by_pressure"]]
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(closing_table(barred, found.highlights))
+    text = console.export_text()
+    assert "yardstick finite_element" in text and f"{yardstick['mse_mm2']['z']:.2e}" in text
+    assert "77.7%" in text and "95.0%" in text
 
 
 def test_published_figures_belong_to_known_splits() -> None:

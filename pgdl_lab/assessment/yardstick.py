@@ -1,0 +1,45 @@
+"""A model that is fitted in a second beside the chosen one, so that every run shows what its training was worth."""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.learning.data import Training
+from pgdl_lab.model import Model
+from pgdl_lab.registry import describe
+from pgdl_lab.snapshots import Snapshots
+
+
+def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArray[np.int64]) -> dict[str, Any]:
+    """Errors of `model` on the same training points.
+
+    Parameters
+    ----------
+    model
+        The yardstick.
+    training
+        The training of the chosen model; of its losses only the data count here.
+    snapshots
+        The simulation.
+    train
+        (n,), indices of the training points.
+
+    Returns
+    -------
+    "model", "seconds", and "mse_mm2" and "by_pressure" as in metrics.json.
+    """
+    start = time.perf_counter()
+    data = {name: loss for name, loss in training.losses.items() if loss.order == 0}
+    surrogate = model.fit(replace(training, losses=data, folder=training.folder / "yardstick", logger=None))
+    seconds = time.perf_counter() - start
+    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa), train)
+    return {
+        "model": describe(model)["name"],
+        "seconds": seconds,
+        "mse_mm2": comparison.mse_mm2(),
+        "by_pressure": comparison.by_pressure(),
+    }
