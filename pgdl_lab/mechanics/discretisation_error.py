@@ -84,7 +84,7 @@ def estimate(coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: f
     load = Load(1.0, 1e-3 * kpa)
     try:
         forces = fine.balance(start, load, stiffness=False).forces
-        stiffness = fine.balance(start, load, stiffness=True, pressure=pressure).stiffness
+        stiffness = fine.balance_at(pressure, start, load).stiffness
     except InvertedElement:
         return None
     solver, change = symmetric_solver(), np.zeros_like(start)

@@ -10,7 +10,7 @@ from pgdl_lab.mechanics.assembly import Assembler
 from pgdl_lab.mechanics.cavity import Cavity
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import Discretisation
-from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.mechanics.solid import Response, Solid
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -72,17 +72,23 @@ class Equilibrium:
         self.weight = nodal_volumes(solid.discretisation)[:, None] * body_force_n_mm3
         self._assembler = Assembler([solid.discretisation.nodes, cavity.nodes], free)
 
-    def balance(self, displacement: Array, load: Load, *, stiffness: bool, pressure: Array | None = None) -> Balance:
+    def balance(self, displacement: Array, load: Load, *, stiffness: bool) -> Balance:
         """Energy, forces and, if asked for, stiffness at `displacement` (N, 3) [mm] under `load`.
-
-        `pressure` in the solid as in `Solid.response`.
 
         Raises
         ------
         InvertedElement
             When an element is turned inside out.
         """
-        inner = self.solid.response(displacement, stiffness=stiffness, pressure=pressure)
+        return self._balance(self.solid.response(displacement, stiffness=stiffness), displacement, load, stiffness)
+
+    def balance_at(self, pressure: Array, displacement: Array, load: Load) -> Balance:
+        """As `balance`, with stiffness, but at a given pressure (E, Q) [MPa] in the solid, see `Solid.response`."""
+        return self._balance(
+            self.solid.response(displacement, stiffness=True, pressure=pressure), displacement, load, True
+        )
+
+    def _balance(self, inner: Response, displacement: Array, load: Load, stiffness: bool) -> Balance:
         air = self.cavity.response(displacement, hessian=stiffness)
         p = load.pressure_mpa
         energy = inner.energy - p * air.volume - load.weight * float((self.weight * displacement).sum())

@@ -1,0 +1,221 @@
+"""The element chart: discretisation error against time, in a linear sag and at full pressure.
+
+    python benchmarks/elements.py
+
+Candidates are elements on hexahedra of 3 mm and finer, and the default element on meshes that are finer in one
+direction only, or towards the re-entrant corners. `hex27_p0`, mean dilatation, is also F-bar: with an energy that is
+split into isochoric and volumetric parts both are W_iso(F) + U(mean J).
+
+Linear sag: the finger `pneunet` under its weight, per unit of gravity (a measure, not a displacement it ever has).
+Full pressure: the same finger with three chambers at 50 kPa. References are the Richardson extrapolations of the
+default element's two finest meshes, with the order that three meshes show. Every solve is kept in runs/elements.json
+and not repeated; remove that file to measure again. The figure is docs/figures/elements.png.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import paths, registry
+from pgdl_lab.files import replacing
+from pgdl_lab.finger import ExtrudedFinger, Finger
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.extrude import extrude
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.profile import Profile
+
+if TYPE_CHECKING:
+    from skfem import Mesh
+
+Array = NDArray[np.float64]
+
+COARSE_MM = 3.0
+FINE_MM = {"linear sag": (3.0, 1.5, 1.0), "full pressure": (3.0, 1.5, 1.0)}  # of the default element
+DEFAULT = "hex27_p1"
+NEWTON_MM, INTERPOLATION_MM = 1e-6, 1e-2
+STORE = paths.RUNS / "elements.json"
+FIGURE = paths.ROOT / "docs" / "figures" / "elements.png"
+
+
+@dataclass(frozen=True)
+class Case:
+    """An element on a mesh with edges of at most `edges_mm` along x, y and z, perhaps graded."""
+
+    element: str
+    edges_mm: tuple[float, float, float]
+    graded: bool = False
+
+    @property
+    def label(self) -> str:
+        """As the figure and the table call it."""
+        edge = self.edges_mm
+        if self.graded:
+            return f"{self.element}, {edge[0]:g} mm, graded to corners"
+        if len(set(edge)) == 1:
+            return f"{self.element}, {edge[0]:g} mm"
+        fine = next(axis for axis, length in zip("xyz", edge, strict=True) if length < COARSE_MM)
+        return f"{self.element}, {COARSE_MM:g} mm, {min(edge):g} along {fine}"
+
+
+@dataclass(frozen=True)
+class Meshed:
+    """A finger that is meshed as a case says; all else is the finger's."""
+
+    finger: ExtrudedFinger
+    case: Case
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.finger, name)
+
+    def mesh(self, edge_mm: float) -> "Mesh":
+        """Mesh a stretched finger evenly and shrink it back, so that each direction has an edge length of its own."""
+        stretch = edge_mm / np.array(self.case.edges_mm)
+        profile, half = self.finger.profile(), self.finger.width_mm / 2
+        wide = Profile(profile.x * stretch[0], profile.z * stretch[2], profile.regions)
+        mesh = extrude(wide, half * stretch[1], self.finger.side_wall_mm * stretch[1], edge_mm)
+        points = mesh.p / stretch[:, None]
+        if self.case.graded:
+            lines = (profile.x, np.array([0.0, half - self.finger.side_wall_mm, half]), profile.z)
+            points = np.stack([grade(values, axis) for values, axis in zip(points, lines, strict=True)])
+        named = dict(mesh.boundaries)
+        graded: Mesh = type(mesh)(points, mesh.t).with_boundaries(named)
+        return graded
+
+
+def meshed(finger: ExtrudedFinger, case: Case) -> Finger:
+    """`finger`, to be meshed as `case` says."""
+    return cast(Finger, Meshed(finger, case))
+
+
+def grade(values: Array, lines: Array) -> Array:
+    """Move `values` between `lines` towards the nearer one: where corners are, elements get smaller."""
+    place = np.clip(np.searchsorted(lines, values, side="right") - 1, 0, len(lines) - 2)
+    start, length = lines[place], np.diff(lines)[place]
+    part = (values - start) / length
+    return start + length * (part - np.sin(2 * np.pi * part) / (2 * np.pi) * 0.6)
+
+
+def cases(fine_mm: tuple[float, ...]) -> list[Case]:
+    """All candidates; the default element also on the meshes of `fine_mm`."""
+    even = [Case(element, (edge,) * 3) for element in ("hex20", "hex27", "hex27_p0") for edge in (3.0, 1.5)]
+    layered = [Case(DEFAULT, edges) for edges in ((1.5, 3.0, 3.0), (3.0, 1.5, 3.0), (3.0, 3.0, 1.5))]
+    return [*even, *layered, Case(DEFAULT, (1.0,) * 3, graded=True), *(Case(DEFAULT, (h,) * 3) for h in fine_mm)]
+
+
+def tip(model: Model) -> int:
+    """The node at the lower outer corner of the end."""
+    corner = model.mesh.p.max(axis=1) * [1, 1, 0]
+    return int(np.linalg.norm(model.discretisation.positions - corner, axis=1).argmin())
+
+
+def linear_sag(case: Case) -> tuple[list[float], int]:
+    """Displacement of the tip [mm] in a linear solve under the weight, and the number of unknowns."""
+    model = Model(meshed(registry.plugin("finger", "pneunet")(), case), COARSE_MM, case.element)
+    sag, free = np.zeros_like(model.equilibrium.weight), model.equilibrium.free
+    balance = model.equilibrium.balance(sag, Load(1.0, 0.0), stiffness=True)
+    assert balance.stiffness is not None
+    model.solver.factorise(balance.stiffness)
+    sag[free] = -model.solver.solve(balance.forces[free])
+    model.solver.close()
+    return sag[tip(model), [0, 2]].tolist(), int(free.sum())
+
+
+def full_pressure(case: Case) -> tuple[list[float], int]:
+    """Displacement of the tip [mm] at the highest pressure, and the number of unknowns."""
+    finger = registry.plugin("finger", "pneunet")(chambers=3)
+    model = Model(meshed(finger, case), COARSE_MM, case.element)
+    history = model.load(finger.max_kpa, NEWTON_MM, INTERPOLATION_MM)
+    return history.branch.displacements[-1][tip(model), [0, 2]].tolist(), int(model.equilibrium.free.sum())
+
+
+SCENES: dict[str, Callable[[Case], tuple[list[float], int]]] = {
+    "linear sag": linear_sag,
+    "full pressure": full_pressure,
+}
+
+
+def measured(scene: str, case: Case) -> dict[str, Any]:
+    """Tip [mm], unknowns and wall time [s] of a case, from the store or solved now."""
+    store: dict[str, Any] = json.loads(STORE.read_text()) if STORE.is_file() else {}
+    key = f"{scene}: {case.label}"
+    if key not in store:
+        began = time.perf_counter()
+        place, unknowns = SCENES[scene](case)
+        store[key] = {"tip_mm": place, "unknowns": unknowns, "seconds": time.perf_counter() - began}
+        STORE.parent.mkdir(exist_ok=True)
+        with replacing(STORE) as temporary:
+            temporary.write_text(json.dumps(store, indent=1))
+    result: dict[str, Any] = store[key]
+    return result
+
+
+def extrapolated(values: Array, edges_mm: tuple[float, ...]) -> tuple[Array, float]:
+    """Richardson's limit of the displacements (3, 2) on three meshes, and the order that the last two steps show."""
+    coarse, middle, fine = values
+    steps = np.linalg.norm(coarse - middle), np.linalg.norm(middle - fine)
+    orders = np.linspace(0.5, 6, 5501)
+    h = np.array(edges_mm)[:, None] ** orders
+    order = float(orders[np.abs((h[0] - h[1]) / (h[1] - h[2]) - steps[0] / steps[1]).argmin()])
+    part = edges_mm[2] ** order / (edges_mm[1] ** order - edges_mm[2] ** order)
+    return fine + part * (fine - middle), order
+
+
+def main() -> None:
+    """Measure what is not in the store, print the tables, draw the figure."""
+    registry.discover()
+    console, charts = Console(width=110), {}
+    for scene in SCENES:
+        rows = {case.label: (case, measured(scene, case)) for case in cases(FINE_MM[scene])}
+        series = [rows[Case(DEFAULT, (h,) * 3).label][1]["tip_mm"] for h in FINE_MM[scene]]
+        reference, order = extrapolated(np.array(series), FINE_MM[scene])
+        table = Table(title=f"{scene}: reference u_x {reference[0]:.3f}, u_z {reference[1]:.3f} mm (order {order:.1f})")
+        for column in ("element and mesh", "unknowns", "u_x (mm)", "u_z (mm)", "error (%)", "time (s)"):
+            table.add_column(column, justify="left" if column.startswith("el") else "right")
+        chart = []
+        for label, (case, row) in rows.items():
+            error = 100 * float(np.linalg.norm(row["tip_mm"] - reference) / np.linalg.norm(reference))
+            x, z = row["tip_mm"]
+            seconds = f"{row['seconds']:.2f}"
+            table.add_row(label, f"{row['unknowns']:,}", f"{x:.3f}", f"{z:.3f}", f"{error:.2f}", seconds)
+            chart.append((case, row["seconds"], error))
+        console.print(table)
+        charts[scene] = chart
+    draw(charts)
+    console.print(f"Figure: {FIGURE}")
+
+
+def draw(charts: dict[str, list[tuple[Case, float, float]]]) -> None:
+    """Error over time, one panel for each scene; lines join the meshes of an element."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, len(charts), figsize=(11, 4.6), layout="constrained")
+    for panel, (scene, chart) in zip(panels, charts.items(), strict=True):
+        for number, element in enumerate(dict.fromkeys(case.element for case, *_ in chart)):
+            even = [(s, e) for case, s, e in chart if case.element == element and case.label.count(",") == 1]
+            panel.plot(*zip(*sorted(even), strict=True), "o-", color=f"C{number}", label=element)
+            other = [(c, s, e) for c, s, e in chart if c.element == element and c.label.count(",") > 1]
+            for case, seconds, error in other:
+                panel.plot(seconds, error, "s", color=f"C{number}", mfc="white")
+                short = "graded" if case.graded else case.label.split(", ")[-1]
+                panel.annotate(short, (seconds, error), textcoords="offset points", xytext=(6, -3), fontsize=8)
+        panel.axhline(2, color="0.6", lw=0.8, ls=":")
+        panel.set(xscale="log", yscale="log", title=scene, xlabel="time (s)", ylabel="error of the tip (%)")
+        panel.grid(alpha=0.3, which="both")
+    panels[0].legend(title="edges 3, 1.5 (and 1) mm")
+    FIGURE.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(FIGURE) as temporary:
+        figure.savefig(temporary, format="png", dpi=160)
+
+
+if __name__ == "__main__":
+    main()
