@@ -31,8 +31,8 @@ SQUARE = np.array([[0, 0], [2, 0], [2, 2], [0, 2], [1, 0], [2, 1], [1, 2], [0, 1
 TRIANGLE = np.array([[0, 0], [2, 0], [0, 2], [1, 0], [1, 1], [0, 1]]) / 2
 BIQUADRATIC = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [2, 0], [0, 2], [2, 1], [1, 2], [2, 2]])
 QUADRATIC = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [2, 0], [0, 2]])
-# Largest sum of the absolute values of the shape functions of a face but those of its corners.
-OF_MIDDLES = 2
+# Largest sum of the absolute values of the shape functions of a face but those of its corners, by its number of nodes.
+OF_MIDDLES = {6: 1.34, 8: 2.0, 9: 1.39}
 
 
 def skin(discretisation: Discretisation) -> NDArray[np.int64]:
@@ -86,11 +86,11 @@ def bulge(faces: NDArray[np.int64], at: Array) -> float:
     chords = (x[:, :corners] + np.roll(x[:, :corners], -1, axis=1)) / 2
     off = np.linalg.norm(x[:, corners : 2 * corners] - chords, axis=2).max()
     if corners == 3:
-        return float(OF_MIDDLES * off)
+        return float(OF_MIDDLES[faces.shape[1]] * off)
     twist = np.linalg.norm(x[:, 0] - x[:, 1] + x[:, 2] - x[:, 3], axis=1).max() / 4
     if faces.shape[1] == 9:
         off = max(off, np.linalg.norm(x[:, 8] - x[:, :4].mean(axis=1), axis=1).max())
-    return float(OF_MIDDLES * off + twist)
+    return float(OF_MIDDLES[faces.shape[1]] * off + twist)
 
 
 def grid(divisions: int, *, square: bool) -> tuple[Array, NDArray[np.int64]]:
