@@ -97,8 +97,7 @@ class Rod(Equilibrium):
         second[:, 1, :3, 2] = second[:, 1, 2, :3] = np.column_stack([-cos, -sin, -shear])
         return np.column_stack([stretch - 1, shear, curvature]), first, second
 
-    def balance(self, displacement: Array, load: Load, *, stiffness: bool, pressure: Array | None = None) -> Balance:
-        """As of a solid; a rod has no `pressure` inside."""
+    def balance(self, displacement: Array, load: Load, *, stiffness: bool) -> Balance:
         strain, first, second = self._kinematics(displacement)
         law, blown = self.sections, load.pressure_mpa * self.sections.air
         elastic = np.einsum("eij,ej->ei", law.stiffness, strain)
