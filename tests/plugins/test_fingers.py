@@ -25,20 +25,20 @@ def area(made: ExtrudedFinger, region: Region) -> float:
 
 def test_joints_have_chambers_only_in_the_joints() -> None:
     made = finger("joints")
-    length = 10 + 3 * (3 * 4 + 2 * (2 + 1 + 2)) + 2 * 15 + 2 * 2 + 15
+    length = 10 + 3 * (3 * 4 + 2 * (2 + 1 + 2)) + 2 * 15.6 + 2 * 2 + 13.5
     assert made.profile().x[-1] == pytest.approx(length)
-    channel = length - 10 - 15 - 2 * 2
-    assert area(made, Region.CAVITY) == pytest.approx(9 * 4 * (2 + 7) + 2 * channel)
-    assert area(made, Region.GAP) == pytest.approx(3 * 2 * 1 * (7 + 2))
+    channel = length - 10 - 13.5 - 2 * 2
+    assert area(made, Region.CAVITY) == pytest.approx(9 * 4 * (2 + 7.5) + 2 * channel)
+    assert area(made, Region.GAP) == pytest.approx(3 * 2 * 1 * (7.5 + 2))
 
 
 def test_bellows_have_one_chamber_under_folds() -> None:
     made = finger("bellows")
-    length = 5 + 12 * 4 + 11 * (2 + 2 + 2) + 2 * 2 + 5
+    length = 5 + 15 * 4 + 14 * (1.75 + 2 + 1.75) + 2 * 1.75 + 5
     assert made.profile().x[-1] == pytest.approx(length)
-    duct = length - 10 - 4
-    assert area(made, Region.CAVITY) == pytest.approx(3 * duct + 12 * 4 * 8)
-    assert area(made, Region.GAP) == pytest.approx(11 * 2 * 8)
+    duct = length - 10 - 2 * 1.75
+    assert area(made, Region.CAVITY) == pytest.approx(2 * duct + 15 * 4 * 3.7)
+    assert area(made, Region.GAP) == pytest.approx(14 * 2 * 3.7)
 
 
 @pytest.mark.parametrize(
