@@ -15,6 +15,11 @@ from pgdl_lab.registry import register
 class Pneunet(ExtrudedFinger):
     """PneuNets finger after Table I of the paper; what the paper leaves open is marked so.
 
+    From the paper: Table I, the material (Yeoh, C₁ = 0.11 MPa, C₂ = 0.02 MPa, ν = 0.49) and the highest pressure. From
+    the literature: the density, that of the silicone Elastosil M 4601 by its data sheet, to which these coefficients
+    belong. Round values chosen by us: base, bridge, width and side walls. `finger=pneunet_calibrated` has those
+    calibrated to the paper's extremes, by `python examples/calibrate.py pneunet --trials 12`.
+
     Attributes
     ----------
     chambers
