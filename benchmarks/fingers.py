@@ -1,0 +1,171 @@
+"""The three fingers beside the paper's FEA: extremes, errors, times, and docs/figures/fingers.png.
+
+    python benchmarks/fingers.py            # snapshots from the cache where they are there
+    python benchmarks/fingers.py --fresh    # everything computed anew
+
+Extremes are those of the side face at the highest pressure. `seconds` is what the simulation took when it was computed,
+on however busy a machine.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra import compose, initialize_config_dir
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import cli, paths
+from pgdl_lab.assessment.figures import STYLE
+from pgdl_lab.assessment.paper import published
+from pgdl_lab.cache import simulate
+from pgdl_lab.errors import LabError
+from pgdl_lab.experiment import Experiment
+from pgdl_lab.snapshots import Body, Snapshots
+
+FINGERS = {"pneunet": "pneunet_calibrated", "joints": "joints", "bellows": "bellows"}
+"""Finger of the paper and what is typed after `finger=` for it."""
+TITLES = {"pneunet": "PneuNets finger", "joints": "Finger with local bending joints", "bellows": "Bellows finger"}
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "fingers.png"
+
+LIGHT = np.array([-0.35, -0.75, 0.55])  # towards the lamp of the three-dimensional views
+LEAST_LIGHT = 0.55
+VIEW = {"elev": 18.0, "azim": -62.0}
+COLOURS = "viridis"
+REST = "0.88"
+
+Array = NDArray[np.float64]
+
+
+def experiment(choice: str) -> Experiment:
+    """What `python -m pgdl_lab finger=CHOICE` would run."""
+    with initialize_config_dir(str(paths.CONF), version_base="1.3"):
+        return Experiment.from_config(compose("config", overrides=[f"finger={choice}"]))
+
+
+def rows(table: Table, finger: str, snapshots: Snapshots) -> None:
+    """Add one row for each extreme that the paper states."""
+    last, known = snapshots.displacements[-1], snapshots.provenance
+    error = known["discretisation_error"]
+    tip = f"{error['tip_mm']:.2g} mm at the tip" if error else "not estimated"
+    columns = [str(known["mesh"]["elements"]), f"{known['seconds']:.0f}", tip]
+    title = f"{finger} at {snapshots.pressures_kpa[-1]:g} kPa"
+    for axis, wanted in published(finger, "random").fem_mm.items():
+        along = last[:, "xz".index(axis)]
+        for label, paper, ours in zip(("min", "max"), wanted, (along.min(), along.max()), strict=True):
+            difference = f"{ours - paper:+.3f}"
+            relative = f"{abs(ours / paper - 1):.1%}" if abs(paper) > 1 else "–"
+            table.add_row(title, f"u_{axis} {label}", f"{paper:g}", f"{ours:.3f}", difference, relative, *columns)
+            title, columns = "", ["", "", ""]
+    table.add_section()
+
+
+def shell(body: Body) -> NDArray[np.int64]:
+    """Corners (F, 4) of the outer facets of a half body of hexahedra, those in the plane y = 0 left out."""
+    sides = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    facets = body.cells[:, sides].reshape(-1, 4)
+    _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = facets[first[count == 1]]
+    return outer[~np.isclose(body.positions[outer][:, :, 1], 0).all(axis=1)]
+
+
+def draw_side(axis: Any, snapshots: Snapshots, scale: Any) -> Any:
+    """The side face at full pressure, coloured by |u|, over its shape at rest."""
+    at_rest, shift = snapshots.points, snapshots.displacements[-1]
+    triangles = snapshots.triangles
+    axis.tripcolor(*at_rest.T, triangles, np.zeros(len(at_rest)), cmap="Greys", vmin=-0.12, vmax=1, shading="gouraud")
+    axis.plot(*outline(at_rest, triangles), color="0.45", linewidth=0.6)
+    size, now = np.linalg.norm(shift, axis=1), at_rest + shift
+    drawn = axis.tripcolor(*now.T, triangles, size, cmap=COLOURS, norm=scale, shading="gouraud", rasterized=True)
+    axis.plot(*outline(now, triangles), color="0.15", linewidth=0.5)
+    return drawn
+
+
+def outline(points: Array, triangles: NDArray[np.int64]) -> Array:
+    """X and z (2, 3 B) of the edges that belong to one triangle, each followed by a gap."""
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    _, first, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
+    ends = points[edges[first[count == 1]]]
+    return np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2).T
+
+
+def draw_solid(axis: Any, body: Body, scale: Any) -> None:
+    """The whole finger at full pressure, both halves."""
+    from matplotlib import colormaps
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    half = shell(body)
+    shift = body.displacements[-1]
+    corners, sizes = (body.positions + shift)[half], np.linalg.norm(shift, axis=1)[half].mean(axis=1)
+    corners = np.concatenate([corners, (corners * [1, -1, 1])[:, ::-1]])
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    light = LEAST_LIGHT + (1 - LEAST_LIGHT) * np.clip(normal @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+    colours = colormaps[COLOURS](scale(np.tile(sizes, 2)))
+    colours[:, :3] *= light[:, None]
+    axis.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=(0, 0, 0, 0.25), linewidths=0.15))
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axis.set_box_aspect(high - low)
+    axis.view_init(**VIEW)
+    axis.set_axis_off()
+
+
+def draw(all_snapshots: dict[str, Snapshots]) -> None:
+    """Write the figure: side views on one scale above, the whole bodies below."""
+    import matplotlib
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+    most = max(np.linalg.norm(snapshots.displacements[-1], axis=1).max() for snapshots in all_snapshots.values())
+    scale = Normalize(0, most)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(13, 7.5), layout="constrained")
+        grid = figure.add_gridspec(2, len(all_snapshots), height_ratios=(1.25, 1))
+        sides: list[Any] = []
+        for column, (finger, snapshots) in enumerate(all_snapshots.items()):
+            shared = {"sharex": sides[0], "sharey": sides[0]} if sides else {}
+            side = figure.add_subplot(grid[0, column], **shared)
+            drawn = draw_side(side, snapshots, scale)
+            side.set(
+                xlabel="x [mm]",
+                aspect="equal",
+                title=f"{TITLES[finger]}\nat rest (grey) and at {snapshots.pressures_kpa[-1]:g} kPa",
+            )
+            sides.append(side)
+            if snapshots.body is not None:
+                draw_solid(figure.add_subplot(grid[1, column], projection="3d"), snapshots.body, scale)
+        sides[0].set_ylabel("z [mm]")
+        figure.colorbar(drawn, ax=figure.axes, label="displacement |u| [mm]", shrink=0.7, aspect=30)
+        figure.savefig(FIGURE)
+
+
+def main() -> None:
+    """Simulate, print the table, draw the figure."""
+    parser = argparse.ArgumentParser(description="The three fingers beside the paper's FEA.")
+    parser.add_argument("--fresh", action="store_true", help="leave the cache aside")
+    chosen = parser.parse_args()
+    cli.store_choices()
+    table = Table(title="The paper's FEA and fem=solid, extremes in mm")
+    for column in ("", "", "paper", "ours", "difference", "relative", "elements", "seconds", "discretisation error"):
+        table.add_column(column, justify="right" if column else "left")
+    all_snapshots = {}
+    with tempfile.TemporaryDirectory() as folder:
+        kept = Path(folder) if chosen.fresh else paths.RUNS / "snapshots"
+        for finger, choice in FINGERS.items():
+            made = experiment(choice)
+            all_snapshots[finger], _, _ = simulate(made.finger, made.fem, made.observation, kept)
+            rows(table, finger, all_snapshots[finger])
+    Console(width=120).print(table)
+    draw(all_snapshots)
+    print(f"written to {FIGURE}")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except LabError as error:
+        raise SystemExit(str(error)) from None
