@@ -23,12 +23,13 @@ from pgdl_lab import registry
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.skin import sampled, skin
+from pgdl_lab.snapshots import Observation
 
 Array = NDArray[np.float64]
 
 EDGE_MM, REACH_MM, NEWTON_MM = 6.0, 0.05, 1e-6
 INTERPOLATION_MM = 1e-2  # of the finger that touches itself: each place that comes in touch is a kink in its path
-SNAPSHOTS = 100
+OBSERVATION = Observation()
 SHOWN = 39  # the snapshot drawn: 20 kPa
 MIDDLE_OF_GAP_MM = (87.75, 0.0, 9.9)  # at rest, between the eighth chamber and the ninth
 REPEATS = 3
@@ -80,9 +81,9 @@ def inflate(mode: str) -> Inflation:
     finger = thin_walled()
     model = Model(finger, EDGE_MM, "auto", mode, REACH_MM)
     began = time.perf_counter()
-    history = model.load(finger.max_kpa, NEWTON_MM, INTERPOLATION_MM)
+    pressures = OBSERVATION.pressures_kpa(finger.max_kpa)
+    history = model.load(pressures, NEWTON_MM, INTERPOLATION_MM)
     seconds = time.perf_counter() - began
-    pressures = np.linspace(finger.max_kpa / SNAPSHOTS, finger.max_kpa, SNAPSHOTS)
     pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
     displacements = [history.at(kpa) for kpa in pressures]
     contact = model.equilibrium.contact
@@ -107,7 +108,7 @@ def overhead() -> dict[str, float]:
         for mode, taken in times.items():
             model = Model(finger, EDGE_MM, "auto", mode, REACH_MM)
             began = time.perf_counter()
-            model.load(finger.max_kpa, NEWTON_MM, 1e-5)
+            model.load(OBSERVATION.pressures_kpa(finger.max_kpa), NEWTON_MM, 1e-5)
             taken.append(time.perf_counter() - began)
     return {mode: median(taken) for mode, taken in times.items()}
 

@@ -131,7 +131,7 @@ def full_pressure(case: Case) -> tuple[list[float], int]:
     """Displacement of the tip [mm] at the highest pressure, and the number of unknowns."""
     finger = registry.plugin("finger", "pneunet")(chambers=3)
     model = Model(meshed(finger, case), COARSE_MM, case.element)
-    history = model.load(finger.max_kpa, NEWTON_MM, INTERPOLATION_MM)
+    history = model.load(np.array([finger.max_kpa]), NEWTON_MM, INTERPOLATION_MM)
     return history.branch.displacements[-1][tip(model), [0, 2]].tolist(), int(model.equilibrium.free.sum())
 
 

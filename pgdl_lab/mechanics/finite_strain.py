@@ -168,22 +168,24 @@ class Model:
     def _contact(self, discretisation: Discretisation, mode: str) -> Contact:
         return Contact(discretisation, self.contact_mm, self.finger.material.shear_modulus_mpa / 40, mode=mode)
 
-    def load(self, max_kpa: float, newton_mm: float, interpolation_mm: float) -> History:
-        """Apply the weight, then the pressure up to `max_kpa` [kPa].
+    def load(self, pressures_kpa: Array, newton_mm: float, interpolation_mm: float) -> History:
+        """Apply the weight, then the pressure.
 
         Parameters
         ----------
+        pressures_kpa
+            (P,) rising: where the displacement will be asked for, the highest last [kPa].
         newton_mm
             Tolerance of each equilibrium [mm].
         interpolation_mm
-            Tolerance between the equilibria [mm].
+            Tolerance at `pressures_kpa` between the equilibria [mm].
 
         Raises
         ------
         LabError
             When the finger does not bear its own weight.
         """
-        equilibrium = self.equilibrium
+        equilibrium, max_kpa = self.equilibrium, float(pressures_kpa[-1])
         weigh = LoadLeg(equilibrium, self.solver, newton_mm, lambda w: Load(w, 0.0), lambda _: equilibrium.weight)
         inflate = LoadLeg(
             equilibrium,
@@ -208,7 +210,7 @@ class Model:
                 branch = follow(inflate, resting, max_kpa, FIRST_PRESSURE * max_kpa, report)
             except PathEnded as end:
                 branch, complete = end.branch, False
-            error = refine(inflate, branch, interpolation_mm)
+            error = refine(inflate, branch, pressures_kpa, interpolation_mm)
         self.solver.close()
         return History(branch, complete, error, weighing + branch.iterations, sorted(inflate.unstable))
 

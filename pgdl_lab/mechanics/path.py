@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 NODES = 4  # equilibria that predictor and interpolant use: polynomials of degree 7
 PREDICTOR_ERROR_MM = 0.3  # what Newton's method mends in some three iterations
 SMALLEST_STEP = 1e-5  # as a fraction of the path
-SMALLEST_INTERVAL = 1e-4  # of the path: kinks of contact are not resolved further
+SMALLEST_INTERVAL = 1e-4  # of the path: what is nearer to an equilibrium needs none of its own
 LARGEST_STEP = 0.16
 GROWTH = 2.0
 
@@ -125,19 +125,22 @@ def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Calla
     return branch
 
 
-def refine(leg: Leg, branch: Branch, tolerance_mm: float) -> float:
-    """Add equilibria until the estimated interpolation error is within `tolerance_mm` [mm]; return the largest left.
+def refine(leg: Leg, branch: Branch, wanted: Array, tolerance_mm: float) -> float:
+    """Add equilibria at `wanted` parameters (P,) until interpolation there is within `tolerance_mm` [mm].
 
-    An interval whose middle has no equilibrium that Newton's method finds is left as it is, and its estimate counts.
+    Returns the largest estimated error left [mm]. Where the branch is smooth few are added, across a kink in the end
+    all that are wanted. One that Newton's method does not find is left out, and the estimate for it counts.
     """
-    worst = 0.0
+    worst, least = 0.0, SMALLEST_INTERVAL * branch.parameters[-1]
     intervals = list(zip(branch.parameters[:-1], branch.parameters[1:], strict=True))
     while intervals:
         start, stop = intervals.pop()
-        middle, error = (start + stop) / 2, branch.doubt(start, stop)
-        wanted = error > tolerance_mm and stop - start > SMALLEST_INTERVAL * branch.parameters[-1]
+        inside = wanted[(wanted > start + least) & (wanted < stop - least)]
+        if not inside.size:
+            continue
+        middle, error = float(inside[len(inside) // 2]), branch.doubt(start, stop)
         # Across a kink, few equilibria serve better.
-        if wanted and any(added(leg, branch, middle, nodes) for nodes in (NODES, 2)):
+        if error > tolerance_mm and any(added(leg, branch, middle, nodes) for nodes in (NODES, 2)):
             intervals += [(start, middle), (middle, stop)]
         else:
             worst = max(worst, error)

@@ -69,9 +69,9 @@ def simulate(
     began = time.perf_counter()
     face, model = finger.face(observation.points), make(require_profile(finger, fem))
     made = time.perf_counter()
-    history = model.load(finger.max_kpa, *tolerances_mm)
-    solved = time.perf_counter()
     pressures = observation.pressures_kpa(finger.max_kpa)
+    history = model.load(pressures, *tolerances_mm)
+    solved = time.perf_counter()
     pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
     observe = model.observer(face)
     displacements = np.array([observe(history.at(kpa), float(kpa)) for kpa in pressures])

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.registry import plugin
 from pgdl_lab.verification.benchmark import Check, benchmark
@@ -12,7 +14,7 @@ def reaction(quick: bool) -> Iterator[Check]:
     """Half a finger of two chambers under its weight and full pressure."""
     finger = plugin("finger", "pneunet")(chambers=2, max_kpa=20.0)
     model = Model(finger, 6.0, "hex27_p1")
-    history = model.load(finger.max_kpa, 1e-8, 1e-2)
+    history = model.load(np.array([finger.max_kpa]), 1e-8, 1e-2)
     found, load = model.reaction_and_load_n(history.branch.displacements[-1], history.reached_kpa)
     volume = float(model.discretisation.weights.sum())
     gx, gz = finger.gravity_m_s2

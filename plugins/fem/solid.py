@@ -75,8 +75,8 @@ class Solid(Fem):
         began = time.perf_counter()
         face = finger.face(observation.points)
         model = Model(finger, self.edge_mm, self.element, self.contact, self.contact_mm)
-        history = model.load(finger.max_kpa, self.newton_mm, self.interpolation_mm)
         pressures = observation.pressures_kpa(finger.max_kpa)
+        history = model.load(pressures, self.newton_mm, self.interpolation_mm)
         pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
         probe = model.probe(face)
         snapshots = Snapshots(

@@ -63,7 +63,7 @@ def test_quadratic_displacement_and_its_pressure_are_carried_over(kind: str) -> 
 def test_estimate_is_near_the_truth() -> None:
     finger = pneunet()
     model = Model(finger, 6.0, "hex27_p1")
-    history = model.load(finger.max_kpa, 1e-6, 1e-3)
+    history = model.load(np.array([finger.max_kpa]), 1e-6, 1e-3)
     estimate = model.discretisation_error(history)
     assert estimate is not None
 

@@ -43,8 +43,11 @@ class ClosedForm:
         return (self.exact(parameter + 1e-6) - self.exact(parameter - 1e-6)) / 2e-6
 
 
+WANTED = np.linspace(0.1, 50, 500)
+
+
 def worst_error(leg: ClosedForm, branch: Branch) -> float:
-    return max(float(np.abs(branch.at(x) - leg.exact(x)).max()) for x in np.linspace(0, 50, 501))
+    return max(float(np.abs(branch.at(x) - leg.exact(x)).max()) for x in WANTED)
 
 
 def test_smooth_branch_needs_few_equilibria() -> None:
@@ -52,7 +55,7 @@ def test_smooth_branch_needs_few_equilibria() -> None:
     branch = follow(leg, leg.exact(0), 50.0, 1.0, told.append)
     assert branch.parameters[0] == 0 and branch.parameters[-1] == 50
     assert branch.parameters == sorted(branch.parameters) and told[-1] == 50
-    estimate = refine(leg, branch, 1e-5)
+    estimate = refine(leg, branch, WANTED, 1e-5)
     assert len(branch.parameters) < 20
     assert branch.iterations == 3 * len(branch.parameters)
     assert worst_error(leg, branch) <= 1e-5
@@ -70,12 +73,21 @@ def test_equilibria_gather_at_a_kink() -> None:
     leg = ClosedForm(kink=31.4)
     branch = follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
     before = len(branch.parameters)
-    estimate = refine(leg, branch, 1e-4)
+    estimate = refine(leg, branch, WANTED, 1e-4)
     added = len(branch.parameters) - before
     assert added > 5
     assert np.median(np.abs(np.array(leg.solved[-added:]) - 31.4)) < 2
     assert worst_error(leg, branch) < 1e-3
     assert estimate < 1e-3  # the kink itself lies in an interval of the smallest step
+
+
+def test_equilibria_are_added_only_where_they_are_wanted() -> None:
+    leg, wanted = ClosedForm(kink=31.4), np.array([10.0, 31.5, 50.0])
+    branch = follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
+    before = set(branch.parameters)
+    estimate = refine(leg, branch, wanted, 1e-9)
+    assert set(branch.parameters) - before == {10.0, 31.5} - before
+    assert estimate == 0.0
 
 
 def test_end_of_the_branch_keeps_what_was_found() -> None:
