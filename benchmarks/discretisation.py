@@ -23,7 +23,7 @@ from pgdl_lab.files import replacing
 from pgdl_lab.finger import Finger
 from pgdl_lab.snapshots import Observation, Snapshots
 
-FINGERS = ("pneunet", "pneunet_calibrated", "joints", "bellows")
+FINGERS = ("joints", "bellows", "pneunet_calibrated", "pneunet")
 FIGURE = paths.ROOT / "docs" / "figures" / "discretisation.png"
 
 

@@ -207,11 +207,14 @@ def draw(charts: dict[str, list[tuple[Case, float, float]]]) -> None:
             for case, seconds, error in other:
                 panel.plot(seconds, error, "s", color=f"C{number}", mfc="white")
                 short = "graded" if case.graded else case.label.split(", ")[-1]
-                panel.annotate(short, (seconds, error), textcoords="offset points", xytext=(6, -3), fontsize=8)
+                panel.annotate(
+                    short, (seconds, error), textcoords="offset points", xytext=(0, 7), fontsize=8, ha="center"
+                )
         panel.axhline(2, color="0.6", lw=0.8, ls=":")
         panel.set(xscale="log", yscale="log", title=scene, xlabel="time (s)", ylabel="error of the tip (%)")
         panel.grid(alpha=0.3, which="both")
-    panels[0].legend(title="edges 3, 1.5 (and 1) mm")
+        panel.margins(0.12)
+    panels[1].legend(title="edges 3, 1.5 (and 1) mm", loc="upper right", fontsize=9)
     FIGURE.parent.mkdir(parents=True, exist_ok=True)
     with replacing(FIGURE) as temporary:
         figure.savefig(temporary, format="png", dpi=160)
