@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 class NodalSurrogate(Surrogate):
     """u(x, p) = Σ modes(x) · amplitudes(p), linear between the nodes of the body.
 
+    Error bars are those of the values at the nodes. Between nodes the error of linear interpolation adds to them, which
+    is the greater part of the error there.
+
     What was looked up for the points asked for last is kept, as control loops ask for the same ones.
 
     Parameters
