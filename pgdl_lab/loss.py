@@ -24,7 +24,8 @@ class Loss(ABC):
     """One term of the total loss, which is the sum of `weight` · `value` over all terms.
 
     A subclass sets `order`, the highest spatial derivative that it needs (0, 1 or 2): the jet of the field is computed
-    once per step, to the highest order that any term needs, and shared by all terms at the training points.
+    once per step, to the highest order that any term needs, and shared by all terms at the training points. It sets
+    `one_pressure`, if its own points have to be visited all at the same pressure.
 
     Attributes
     ----------
@@ -33,6 +34,7 @@ class Loss(ABC):
     """
 
     order: ClassVar[int] = 0
+    one_pressure: ClassVar[bool] = False
 
     weight: float = 1.0
 
@@ -44,7 +46,7 @@ class Loss(ABC):
         """Points (M, 2) [mm] and prescribed displacements (M, 2) [mm] where this term is evaluated.
 
         None, the default, stands for the training points of the batch. Own points are visited at pressures that are
-        drawn evenly from the range of the training pressures.
+        drawn evenly from the range of the training pressures, each at its own unless `one_pressure`.
         """
         return None
 

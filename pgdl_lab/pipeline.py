@@ -88,7 +88,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         losses=list(experiment.loss),
         seed=seed,
     )
-    assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder, yardstick)
+    assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder, training, yardstick)
     Console().print(closing_table(assessment.metrics, assessment.highlights))
     _log.info("Everything of this run is in %s", folder)
     return assessment.metrics

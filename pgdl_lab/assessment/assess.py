@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.figures import draw
 from pgdl_lab.assessment.latency import latency_ms
+from pgdl_lab.assessment.residuals import residuals
 from pgdl_lab.files import replacing
+from pgdl_lab.learning.data import Training
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.split import Split
 from pgdl_lab.surrogate import Surrogate
@@ -70,6 +72,7 @@ def assess(
     labels: Labels,
     seconds: Mapping[str, float],
     folder: Path,
+    training: Training,
     yardstick: Mapping[str, Any] | None = None,
 ) -> Assessment:
     """Judge `surrogate` on all of `snapshots` and write `<folder>/metrics.json` and `<folder>/figures/*.png`.
@@ -90,6 +93,8 @@ def assess(
         Times so far: "simulate", "simulate_cached", "train" [s]; "assess" is added.
     folder
         Run folder.
+    training
+        How it was trained, for the residuals of its losses.
     yardstick
         What `yardstick.measure` found, if there is one.
     """
@@ -113,6 +118,7 @@ def assess(
         "latency_ms": latency_ms(
             surrogate, snapshots.points, int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
         ),
+        "residuals": residuals(training.losses, training.scene, snapshots, predicted, highlights),
         "yardstick": yardstick,
     }
     metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}

@@ -23,7 +23,8 @@ def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Gro
     """
     paper = published(metrics["finger"], metrics["split"])
     beside = [_beside(metrics, highlights)] if metrics["yardstick"] or metrics["error_bar"] else []
-    return Group(_errors(metrics, highlights, paper), *beside, _extremes(metrics, paper), _times(metrics))
+    parts = [_errors(metrics, highlights, paper), *beside, _residuals(metrics), _extremes(metrics, paper)]
+    return Group(*parts, _times(metrics))
 
 
 def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Published) -> Table:
@@ -68,6 +69,15 @@ def _beside(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Table:
     covered = (bars["covered_x"] + bars["covered_z"]) / 2 if bars else None
     most = max((row["max_abs_mm"] for row in rows), default=0.0)
     add("all", covered, [*yardstick["mse_mm2"].values(), most] if yardstick else [])
+    return table
+
+
+def _residuals(metrics: dict[str, Any]) -> Table:
+    table = Table(title="Loss terms, unweighted, of whole fields at these pressures")
+    for heading in ("", "FEM, the floor", "surrogate", "no displacement"):
+        table.add_column(Text(heading), justify="right")
+    for name, of in metrics["residuals"].items():
+        table.add_row(name, *(f"{of[who]:.2e}" for who in ("fem", "surrogate", "rest")))
     return table
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,7 @@ class Samples:
         return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # each is its own key where something is prepared for it
 class Scene:
     """What is known of the body without any simulation.
 
@@ -66,6 +67,8 @@ class Scene:
         Lamé's constants λ and μ at small strain [MPa].
     body_force_n_mm3
         Weight per undeformed volume along x and z [N/mm³].
+    finger
+        The finger, for losses that ask for its law or its profile; None for data of unknown origin.
     """
 
     points_mm: NDArray[np.float64]
@@ -75,6 +78,21 @@ class Scene:
     lame_mpa: float
     shear_modulus_mpa: float
     body_force_n_mm3: tuple[float, float]
+    finger: Finger | None = None
+
+    @cached_property
+    def outline(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Midpoints (S, 2) [mm] and outward unit normals (S, 2) of the edges of the face that are not clamped."""
+        ends = np.concatenate([np.roll(self.triangles, -1 - c, axis=1)[:, :2] for c in range(3)])
+        across = np.concatenate([self.triangles[:, c] for c in range(3)])
+        _, first, uses = np.unique(np.sort(ends, axis=1), axis=0, return_index=True, return_counts=True)
+        once = first[uses == 1]
+        once = once[~np.isin(ends[once], self.clamp).all(axis=1)]
+        start, stop = self.points_mm[ends[once, 0]], self.points_mm[ends[once, 1]]
+        middle, along = (start + stop) / 2, stop - start
+        normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
+        inward = ((self.points_mm[across[once]] - middle) * normal).sum(axis=1) > 0
+        return middle, np.where(inward[:, None], -normal, normal)
 
     @classmethod
     def of(cls, finger: Finger, snapshots: Snapshots) -> Scene:
@@ -88,6 +106,7 @@ class Scene:
             lame_mpa=finger.material.lame_mpa,
             shear_modulus_mpa=finger.material.shear_modulus_mpa,
             body_force_n_mm3=(force_x, force_z),
+            finger=finger,
         )
 
 

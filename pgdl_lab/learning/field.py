@@ -30,7 +30,7 @@ class Field(nn.Module, ABC):
 
     def jet(self, coordinates: Tensor, pressures_kpa: Tensor, order: int) -> Jet:
         """Displacement and derivatives up to `order`."""
-        return Jet(self.rows(coordinates[: ROWS[order]], pressures_kpa))
+        return Jet(self.rows(coordinates[: ROWS[order]], pressures_kpa), pressures_kpa)
 
     def forward(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
         """Displacement (n, 2) [mm] from coordinates (J, n, F) and pressures (n,) [kPa]."""

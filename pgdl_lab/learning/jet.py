@@ -27,9 +27,12 @@ class Jet:
     ----------
     rows
         (J, n, 2) with J = 1, 3 or 6: u [mm], u_x, u_z [–], u_xx, u_zz, u_xz [1/mm].
+    pressures_kpa
+        (n,), the pressure at each point [kPa]; None where no term asks for it.
     """
 
     rows: Tensor
+    pressures_kpa: Tensor | None = None
 
     @property
     def value(self) -> Tensor:

@@ -83,8 +83,8 @@ class Objective(nn.Module):
             if name in self.own:
                 inputs, targets = buffers[f"{name}_inputs"], buffers[f"{name}_targets"]
                 low, high = self.range_kpa
-                drawn = low + (high - low) * torch.rand(len(targets), generator=generator)
-                own_jet = self.field.jet(inputs, drawn.to(targets), loss.order)
+                drawn = low + (high - low) * torch.rand(1 if loss.one_pressure else len(targets), generator=generator)
+                own_jet = self.field.jet(inputs, drawn.to(targets).expand(len(targets)), loss.order)
                 values[name] = loss.value(own_jet, targets, self.scene)
             else:
                 values[name] = loss.value(jet, self.targets[batch], self.scene)

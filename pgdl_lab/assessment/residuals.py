@@ -1,0 +1,69 @@
+"""What each loss term makes of the simulated displacement and of the surrogate's."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pgdl_lab.learning.data import Scene
+from pgdl_lab.learning.jet import ROWS, Jet
+from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.loss import Loss
+from pgdl_lab.snapshots import Snapshots
+
+Floats = NDArray[np.float64]
+
+
+def residuals(
+    losses: Mapping[str, Loss], scene: Scene, snapshots: Snapshots, predicted_mm: Floats, which: NDArray[np.int64]
+) -> dict[str, dict[str, float]]:
+    """Unweighted terms, for both fields from their values at the points of the face and by the same formulas.
+
+    What a term makes of the simulated displacement is its floor: a surrogate that is pushed below it is pushed away
+    from the truth. Where the floor is above what the term makes of no displacement at all, the term draws to rest. Derivatives are those of quadratics fitted to the values around each point, see
+    `Triangulation.derivatives`, so that the floor also carries what these miss at sharp corners.
+
+    Parameters
+    ----------
+    losses
+        Terms by name.
+    scene
+        The body.
+    snapshots
+        The simulation.
+    predicted_mm
+        (P, N, 2), the surrogate's displacements [mm].
+    which
+        Indices of the snapshots over which the terms are averaged.
+
+    Returns
+    -------
+    For each term "fem", "surrogate" and "rest" (no displacement), each in the term's own unit.
+    """
+    body = Triangulation(snapshots.points, snapshots.triangles)
+    rest = np.zeros_like(predicted_mm)
+    fields = {"fem": snapshots.displacements, "surrogate": predicted_mm, "rest": rest}
+    found = {}
+    for name, loss in losses.items():
+        own = loss.own_points(scene)
+        corners, weights = body.locate(snapshots.points if own is None else own[0])
+        matrices = body.derivatives[: ROWS[loss.order] - 1] if loss.order else []
+
+        def term(
+            nodal: Floats, simulated: Floats, kpa: float, loss: Loss = loss, own: tuple[Floats, Floats] | None = own,
+            at: tuple[NDArray[np.int64], Floats] = (corners, weights), matrices: list[object] = matrices,
+        ) -> float:  # fmt: skip
+            tables = [nodal, *(matrix @ nodal for matrix in matrices)]  # type: ignore[operator]
+            rows = torch.from_numpy(np.stack([np.einsum("nc,nci->ni", at[1], table[at[0]]) for table in tables]))
+            target = torch.from_numpy(simulated if own is None else own[1])
+            pressures = torch.full((len(target),), kpa, dtype=rows.dtype)
+            return float(loss.value(Jet(rows, pressures), target, scene))
+
+        found[name] = {
+            who: float(
+                np.mean([term(field[i], snapshots.displacements[i], float(snapshots.pressures_kpa[i])) for i in which])
+            )
+            for who, field in fields.items()
+        }
+    return found

@@ -1,0 +1,74 @@
+"""Loss `equilibrium`: the balance of forces on the section, in weak form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.loss import Loss
+from pgdl_lab.registry import register
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pgdl_lab.learning.data import Scene
+    from pgdl_lab.learning.jet import Jet
+
+STATES = ("plane_stress", "plane_strain")
+
+
+@register("loss", "equilibrium")
+@dataclass(frozen=True)
+class Equilibrium(Loss):
+    """Mean square of the strain [–] that would balance weight, follower pressure and stress on the x–z section.
+
+    Finite elements on the section, of the width of the finger, over cavities that of both side walls; see
+    `pgdl_lab.learning.section_balance`. No derivative of the field is needed, so ReLU will do. The field is that of the
+    side face and the section is not: chambers bulge between the side walls, so that even the simulated displacement is
+    far out of balance. Every run shows how far, and below that this term can only do harm.
+
+    Attributes
+    ----------
+    state
+        "plane_stress" (the stretch out of the plane is solved for) or "plane_strain".
+    edge_mm
+        Longest element edge [mm].
+    side_wall_share
+        Share of the side walls' stiffness that counts over the cavities [–], at most 1.
+    """
+
+    one_pressure: ClassVar[bool] = True
+
+    weight: float = 1e-4
+    state: str = "plane_stress"
+    edge_mm: float = 6.0
+    side_wall_share: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.state not in STATES:
+            raise InputError(f"loss.equilibrium.state is '{self.state}'; choose one of {', '.join(STATES)}.")
+        if not 0 < self.edge_mm < np.inf:
+            raise InputError(f"loss.equilibrium.edge_mm is {self.edge_mm} mm; it must be above 0.")
+        if not 0 < self.side_wall_share <= 1:
+            raise InputError(
+                f"loss.equilibrium.side_wall_share is {self.side_wall_share}; it must be above 0 and at most 1."
+            )
+
+    def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Nodes of the elements; no displacement is prescribed there."""
+        from pgdl_lab.learning.section_balance import section_balance
+
+        points = section_balance(scene, self.state, self.edge_mm, self.side_wall_share).points_mm
+        return points, np.zeros_like(points)
+
+    def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
+        from pgdl_lab.learning.section_balance import section_balance
+
+        balance = section_balance(scene, self.state, self.edge_mm, self.side_wall_share)
+        assert jet.pressures_kpa is not None
+        return balance.mean_square_strain(balance.forces(jet.value, 1e-3 * jet.pressures_kpa[0]))
