@@ -11,6 +11,7 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem
 from pgdl_lab.files import replacing
 from pgdl_lab.finger import Finger
+from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.loss import Loss
 from pgdl_lab.model import Model
@@ -18,7 +19,12 @@ from pgdl_lab.registry import KINDS, PARTS, config_node, plugin, restored
 from pgdl_lab.snapshots import Observation
 from pgdl_lab.split import Split
 
-SETTINGS = {"observation": Observation, "optimizer": OptimizerSettings, "trainer": TrainerSettings}
+SETTINGS = {
+    "balancing": BalancingSettings,
+    "observation": Observation,
+    "optimizer": OptimizerSettings,
+    "trainer": TrainerSettings,
+}
 """Parts of the configuration that are not chosen among plugins."""
 
 
@@ -31,6 +37,7 @@ class Experiment:
     split: Split
     model: Model
     loss: dict[str, Loss]
+    balancing: BalancingSettings
     observation: Observation
     optimizer: OptimizerSettings
     trainer: TrainerSettings
@@ -107,7 +114,7 @@ def restore(path: Path) -> DictConfig:
         else:
             stored[kind] = restored(kind, stored[kind])
     for name, settings in SETTINGS.items():
-        stored[name] = OmegaConf.merge(config_node(settings), stored[name])
+        stored[name] = OmegaConf.merge(config_node(settings), stored.get(name) or {})
     return stored
 
 

@@ -15,6 +15,7 @@ from pgdl_lab.errors import InputError
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from pgdl_lab.finger import Finger
     from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
 
@@ -41,6 +42,15 @@ class Loss(ABC):
     def __post_init__(self) -> None:
         if not 0 <= self.weight < math.inf:
             raise InputError(f"The weight of a loss is {self.weight}; it must be zero or positive.")
+
+    def check(self, finger: Finger | None) -> None:  # noqa: B027  # most terms suit every finger
+        """Refuse a finger that this term cannot be written for, before anything is simulated.
+
+        Raises
+        ------
+        InputError
+            When its law or shape does not fit; the default fits all.
+        """
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Points (M, 2) [mm] and prescribed displacements (M, 2) [mm] where this term is evaluated.

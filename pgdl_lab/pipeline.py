@@ -45,6 +45,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     """
     finger, observation, seed = experiment.finger, experiment.observation, experiment.seed
     experiment.split.check(observation.pressures_kpa(finger.max_kpa), observation.points)
+    for loss in experiment.loss.values():
+        loss.check(finger)
 
     start = time.perf_counter()
     snapshots, path, cached = simulate(finger, experiment.fem, observation, paths.RUNS / "snapshots")
@@ -69,6 +71,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         folder=folder,
         provenance=snapshots.provenance,
         logger=EpochLogger(tracked),
+        balancing=experiment.balancing,
     )
     try:
         surrogate = experiment.model.fit(training)

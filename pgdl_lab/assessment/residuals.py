@@ -21,8 +21,9 @@ def residuals(
     """Unweighted terms, for both fields from their values at the points of the face and by the same formulas.
 
     What a term makes of the simulated displacement is its floor: a surrogate that is pushed below it is pushed away
-    from the truth. Where the floor is above what the term makes of no displacement at all, the term draws to rest. Derivatives are those of quadratics fitted to the values around each point, see
-    `Triangulation.derivatives`, so that the floor also carries what these miss at sharp corners.
+    from the truth. Where the floor is above what the term makes of no displacement at all, the term draws to rest.
+    Derivatives are those of quadratics fitted to the values around each point, see `Triangulation.derivatives`, so that
+    the floor also carries what these miss at sharp corners.
 
     Parameters
     ----------
@@ -44,26 +45,18 @@ def residuals(
     body = Triangulation(snapshots.points, snapshots.triangles)
     rest = np.zeros_like(predicted_mm)
     fields = {"fem": snapshots.displacements, "surrogate": predicted_mm, "rest": rest}
-    found = {}
+    found: dict[str, dict[str, float]] = {}
     for name, loss in losses.items():
         own = loss.own_points(scene)
         corners, weights = body.locate(snapshots.points if own is None else own[0])
         matrices = body.derivatives[: ROWS[loss.order] - 1] if loss.order else []
-
-        def term(
-            nodal: Floats, simulated: Floats, kpa: float, loss: Loss = loss, own: tuple[Floats, Floats] | None = own,
-            at: tuple[NDArray[np.int64], Floats] = (corners, weights), matrices: list[object] = matrices,
-        ) -> float:  # fmt: skip
-            tables = [nodal, *(matrix @ nodal for matrix in matrices)]  # type: ignore[operator]
-            rows = torch.from_numpy(np.stack([np.einsum("nc,nci->ni", at[1], table[at[0]]) for table in tables]))
-            target = torch.from_numpy(simulated if own is None else own[1])
-            pressures = torch.full((len(target),), kpa, dtype=rows.dtype)
-            return float(loss.value(Jet(rows, pressures), target, scene))
-
-        found[name] = {
-            who: float(
-                np.mean([term(field[i], snapshots.displacements[i], float(snapshots.pressures_kpa[i])) for i in which])
-            )
-            for who, field in fields.items()
-        }
+        found[name] = dict.fromkeys(fields, 0.0)
+        for who, field in fields.items():
+            for i in which:
+                tables = [field[i], *(matrix @ field[i] for matrix in matrices)]
+                rows = np.stack([np.einsum("nc,nci->ni", weights, table[corners]) for table in tables])
+                target = torch.from_numpy(snapshots.displacements[i] if own is None else own[1])
+                pressures = torch.full((len(target),), float(snapshots.pressures_kpa[i]), dtype=target.dtype)
+                value = loss.value(Jet(torch.from_numpy(rows), pressures), target, scene)
+                found[name][who] += float(value) / len(which)
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.finger import Finger
+from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.snapshots import Snapshots
 
@@ -132,6 +133,8 @@ class Training:
         Where the data come from (JSON types), kept in the surrogate's file.
     logger
         A Lightning logger, or None.
+    balancing
+        How the weights of the losses follow the training.
     """
 
     samples: Samples
@@ -143,3 +146,4 @@ class Training:
     folder: Path
     provenance: Mapping[str, Any]
     logger: Any = None
+    balancing: BalancingSettings = field(default_factory=BalancingSettings)

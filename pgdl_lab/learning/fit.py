@@ -39,7 +39,7 @@ def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(training.seed)
         field = model.new_field(training)
-    objective = Objective(field, training.losses, training.samples, training.scene)
+    objective = Objective(field, training.losses, training.samples, training.scene, training.balancing)
     module = TrainingModule(objective, training.trainer, training.optimizer, training.seed)
     identity = _identity(model, training)
     path = training.folder / "checkpoints" / "last.ckpt"
@@ -95,6 +95,7 @@ def _identity(model: NeuralModel, training: Training) -> dict[str, Any]:
         "model": describe(model),
         "loss": {name: describe(loss) for name, loss in training.losses.items()},
         "optimizer": vars(training.optimizer).copy(),
+        "balancing": {} if training.balancing.rule == "fixed" else vars(training.balancing).copy(),
         "seed": training.seed,
         "data": data.hexdigest()[:12],
     }

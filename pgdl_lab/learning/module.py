@@ -111,6 +111,8 @@ class TrainingModule(pl.LightningModule):
         terms = self.objective.terms(self._batch, self.generator)
         for name, value in terms.items():
             self._sums[name] = self._sums.get(name, torch.zeros_like(value)) + value.detach()
+        if self.objective.balancer.due(self.global_step):
+            self.objective.balance(terms, self.generator)
         total = self.objective.total(terms)
         if not torch.isfinite(total):
             broken = [name for name, value in terms.items() if not torch.isfinite(value)]
@@ -143,7 +145,8 @@ class TrainingModule(pl.LightningModule):
             raw = float(total) / max(steps, 1)
             entry |= {
                 f"raw/{name}": raw,
-                f"weighted/{name}": self.objective.losses[name].weight * raw,
+                f"weight/{name}": self.objective.weight(name),
+                f"weighted/{name}": self.objective.weight(name) * raw,
                 f"share/{name}": shares[name],
             }
         entry["loss"] = sum(value for key, value in entry.items() if key.startswith("weighted/"))
@@ -168,7 +171,10 @@ class TrainingModule(pl.LightningModule):
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["elapsed_s"] = self.seconds
         checkpoint["history"] = self.history
+        checkpoint["balance"] = self.objective.balancer.state()
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self.elapsed_s = checkpoint["elapsed_s"]
         self.history = list(checkpoint["history"])
+        if "balance" in checkpoint:  # checkpoints of earlier versions have none
+            self.objective.balancer.restore(checkpoint["balance"])

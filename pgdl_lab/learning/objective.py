@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.activations import PIECEWISE_LINEAR
+from pgdl_lab.learning.balancing import Balancer, BalancingSettings
 from pgdl_lab.learning.data import Samples, Scene
 from pgdl_lab.learning.field import Field
 from pgdl_lab.loss import Loss
@@ -30,6 +31,8 @@ class Objective(nn.Module):
         Terms by name.
     samples, scene
         Training points and body.
+    balancing
+        How the weights of the terms follow the training.
 
     Raises
     ------
@@ -41,13 +44,16 @@ class Objective(nn.Module):
     pressures: Tensor
     targets: Tensor
 
-    def __init__(self, field: Field, losses: Mapping[str, Loss], samples: Samples, scene: Scene) -> None:
+    def __init__(
+        self, field: Field, losses: Mapping[str, Loss], samples: Samples, scene: Scene, balancing: BalancingSettings
+    ) -> None:
         super().__init__()
         if not losses:
             raise InputError("loss=[] leaves nothing to minimise; give at least one, such as loss=[data].")
         self.field = field
         self.losses = dict(losses)
         self.scene = scene
+        self.balancer = Balancer(balancing, self.losses)
         own = {name: given for name, loss in self.losses.items() if (given := loss.own_points(scene)) is not None}
         self.order = max((loss.order for name, loss in self.losses.items() if name not in own), default=0)
         self.range_kpa = float(samples.pressures_kpa.min()), float(samples.pressures_kpa.max())
@@ -90,18 +96,34 @@ class Objective(nn.Module):
                 values[name] = loss.value(jet, self.targets[batch], self.scene)
         return values
 
+    def weight(self, name: str) -> float:
+        """What the term `name` counts at present: its weight times its factor."""
+        return self.losses[name].weight * self.balancer.factors[name]
+
     def total(self, terms: Mapping[str, Tensor]) -> Tensor:
         """Weighted sum of the terms."""
-        return torch.stack([self.losses[name].weight * value for name, value in terms.items()]).sum()
+        return torch.stack([self.weight(name) * value for name, value in terms.items()]).sum()
 
-    def gradient_shares(self, terms: Mapping[str, Tensor]) -> dict[str, float]:
-        """Norm of each weighted term's gradient by the weights, as a share of the sum of these norms."""
+    def balance(self, terms: Mapping[str, Tensor], generator: torch.Generator) -> None:
+        """Adjust the factors of the weights by the present terms."""
+        if self.balancer.settings.rule == "gradient_norm":
+            self.balancer.by_gradients(self.gradient_norms(terms))
+        else:
+            self.balancer.by_progress({name: float(value.detach()) for name, value in terms.items()}, generator)
+
+    def gradient_norms(self, terms: Mapping[str, Tensor]) -> dict[str, float]:
+        """Norm of each unweighted term's gradient by the weights of the field."""
         weights = [weight for weight in self.field.parameters() if weight.requires_grad]
         norms = {}
         for name, value in terms.items():
-            gradients = torch.autograd.grad(
-                self.losses[name].weight * value, weights, retain_graph=True, allow_unused=True
-            ) if value.requires_grad else ()  # fmt: skip
+            gradients = (
+                torch.autograd.grad(value, weights, retain_graph=True, allow_unused=True) if value.requires_grad else ()
+            )
             norms[name] = sum(float(gradient.square().sum()) for gradient in gradients if gradient is not None) ** 0.5
+        return norms
+
+    def gradient_shares(self, terms: Mapping[str, Tensor]) -> dict[str, float]:
+        """Norm of each weighted term's gradient by the weights, as a share of the sum of these norms."""
+        norms = {name: self.weight(name) * norm for name, norm in self.gradient_norms(terms).items()}
         whole = sum(norms.values())
         return {name: norm / whole if whole else 0.0 for name, norm in norms.items()}

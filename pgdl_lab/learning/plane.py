@@ -13,6 +13,7 @@ since Div cof F = 0 (Piola's identity) and the divergence of F is ∇²u. In pla
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -123,7 +124,8 @@ class PlaneLaw:
         bulk, volume = self.material.bulk_modulus_mpa, d * stretch
         shrink = volume ** (-2 / 3)
         invariant = shrink * (a + stretch * stretch)
-        w1, w2 = self.material.derivatives(invariant)  # type: ignore[arg-type]  # arithmetic alone: tensors will do
+        derivatives: Any = self.material.derivatives  # nothing but arithmetic, so tensors will do
+        w1, w2 = derivatives(invariant)
         i_a, i_d = shrink, -2 / 3 * invariant / d
         i_l = 2 * shrink * stretch - 2 / 3 * invariant / stretch
         i_dd, i_ad = 10 / 9 * invariant / d**2, -2 / 3 * shrink / d

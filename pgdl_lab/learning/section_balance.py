@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.finger import ExtrudedFinger, Finger
 from pgdl_lab.learning.plane import PlaneLaw
 from pgdl_lab.mechanics.profile import Region
 
@@ -56,7 +56,7 @@ class SectionBalance:
         mesh = block.restrict(np.flatnonzero(grid.region(*block.p[:, block.t].mean(axis=1)) != Region.GAP))
         hollow = grid.region(*mesh.p[:, mesh.t].mean(axis=1)) == Region.CAVITY
         basis = CellBasis(mesh, ElementQuad2(), intorder=5)
-        values = np.stack([np.broadcast_to(phi.value, basis.dx.shape) for (phi,) in basis.basis], axis=1)
+        values = np.stack([np.broadcast_to(phi, basis.dx.shape) for (phi,) in basis.basis], axis=1)
         walls_mm = 2 * finger.side_wall_mm
         solid = np.where(hollow, walls_mm, finger.width_mm)[:, None] * basis.dx
         self.points_mm: Floats = basis.doflocs.T.copy()
@@ -102,7 +102,7 @@ class SectionBalance:
         gradient = torch.einsum("eai,eaqj->eqij", nodal, at["gradients"])
         stress = at["stiff"][..., None, None] * self.law.stress(gradient)
         (xx, xz), (zx, zz) = (row.unbind(-1) for row in gradient.unbind(-2))
-        cofactor = torch.stack([1 + zz, -zx, -xz, 1 + xx], dim=-1).unflatten(-1, (2, 2))
+        cofactor = torch.stack([1 + zz, -zx, -xz, 1 + xx], dim=-1).reshape(gradient.shape)
         stress = stress - pressure_mpa * at["air"][..., None, None] * cofactor
         local = torch.einsum("eqij,eaqj->eai", stress, at["gradients"])
         inner = torch.zeros_like(displacement).index_add(0, at["nodes"].ravel(), local.flatten(0, 1))
@@ -126,17 +126,22 @@ class SectionBalance:
         return self._cast[key]
 
 
-@lru_cache(maxsize=4)
-def section_balance(scene: Scene, state: str, edge_mm: float, side_wall_share: float) -> SectionBalance:
-    """The section of the finger of a scene.
+def suited(finger: Finger | None, state: str) -> tuple[ExtrudedFinger, PlaneLaw]:
+    """The finger and its law in the plane.
 
     Raises
     ------
     InputError
         When there is no finger, it has no profile or its law is none of the first invariant.
     """
-    if not isinstance(scene.finger, ExtrudedFinger):
-        found = "none is known" if scene.finger is None else f"{type(scene.finger).__name__} has none"
+    if not isinstance(finger, ExtrudedFinger):
+        found = "none is known" if finger is None else f"{type(finger).__name__} has none"
         raise InputError(f"Loss equilibrium needs a finger with a profile, but {found}; leave it out.")
-    law = PlaneLaw.of(scene.finger.material, state, "equilibrium")
-    return SectionBalance(scene.finger, law, edge_mm, side_wall_share)
+    return finger, PlaneLaw.of(finger.material, state, "equilibrium")
+
+
+@lru_cache(maxsize=4)
+def section_balance(scene: Scene, state: str, edge_mm: float, side_wall_share: float) -> SectionBalance:
+    """The section of the finger of a scene; raises as `suited` does."""
+    finger, law = suited(scene.finger, state)
+    return SectionBalance(finger, law, edge_mm, side_wall_share)

@@ -15,6 +15,7 @@ from pgdl_lab.registry import register
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from pgdl_lab.finger import Finger
     from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
 
@@ -58,6 +59,11 @@ class Equilibrium(Loss):
             raise InputError(
                 f"loss.equilibrium.side_wall_share is {self.side_wall_share}; it must be above 0 and at most 1."
             )
+
+    def check(self, finger: Finger | None) -> None:
+        from pgdl_lab.learning.section_balance import suited
+
+        suited(finger, self.state)
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Nodes of the elements; no displacement is prescribed there."""

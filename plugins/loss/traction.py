@@ -15,8 +15,10 @@ from pgdl_lab.registry import register
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from pgdl_lab.finger import Finger
     from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
+    from pgdl_lab.learning.plane import PlaneLaw
 
 STATES = ("plane_stress", "plane_strain")
 
@@ -45,6 +47,14 @@ class Traction(Loss):
         if self.state not in STATES:
             raise InputError(f"loss.traction.state is '{self.state}'; choose one of {', '.join(STATES)}.")
 
+    def check(self, finger: Finger | None) -> None:
+        self._law(finger)
+
+    def _law(self, finger: Finger | None) -> PlaneLaw:
+        from pgdl_lab.learning.plane import PlaneLaw
+
+        return PlaneLaw.of(finger.material if finger else None, self.state, "traction")
+
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Midpoints of the outline's edges; no displacement is prescribed there."""
         middles, _ = scene.outline
@@ -55,8 +65,6 @@ class Traction(Loss):
 
     def tractions(self, jet: Jet, scene: Scene) -> Tensor:
         """P N (n, 2) [MPa] at the midpoints of the outline's edges."""
-        from pgdl_lab.learning.plane import PlaneLaw
-
-        law = PlaneLaw.of(scene.finger and scene.finger.material, self.state, "traction")
+        law = self._law(scene.finger)
         _, normals = scene.outline
         return (law.stress(jet.gradient) * jet.rows.new_tensor(normals)[:, None]).sum(dim=2)

@@ -12,8 +12,10 @@ from pgdl_lab.registry import register
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from pgdl_lab.finger import Finger
     from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
+    from pgdl_lab.learning.plane import PlaneLaw
 
 STATES = ("plane_stress", "plane_strain")
 
@@ -43,12 +45,18 @@ class Yeoh(Loss):
         if self.state not in STATES:
             raise InputError(f"loss.yeoh.state is '{self.state}'; choose one of {', '.join(STATES)}.")
 
+    def check(self, finger: Finger | None) -> None:
+        self._law(finger)
+
+    def _law(self, finger: Finger | None) -> PlaneLaw:
+        from pgdl_lab.learning.plane import PlaneLaw
+
+        return PlaneLaw.of(finger.material if finger else None, self.state, "yeoh")
+
     def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
         return self.residuals(jet, scene).square().sum(dim=1).mean()
 
     def residuals(self, jet: Jet, scene: Scene) -> Tensor:
         """Div P + ρ₀ g (n, 2) [N/mm³]."""
-        from pgdl_lab.learning.plane import PlaneLaw
-
-        law = PlaneLaw.of(scene.finger and scene.finger.material, self.state, "yeoh")
+        law = self._law(scene.finger)
         return law.divergence(jet.gradient, jet.hessian) + jet.rows.new_tensor(scene.body_force_n_mm3)

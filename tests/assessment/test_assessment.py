@@ -88,12 +88,14 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     data = small()
     labels = replace(LABELS, split=split)
     seconds = {"simulate": 1.0, "simulate_cached": 0.0, "train": 2.0}
-    found = assess(Shifted(), data, TRAIN, plugin("split", split)(), labels, seconds, tmp_path)
+    found = assess(
+        Shifted(), data, TRAIN, plugin("split", split)(), labels, seconds, tmp_path, training(tmp_path, {"data": {}})
+    )
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics == json.loads(json.dumps(found.metrics))
     assert list(metrics) == [
         "finger", "fem", "split", "model", "losses", "seed", "points", "train_points", "test_points", "seconds",
-        "mse_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "yardstick",
+        "mse_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "residuals", "yardstick",
     ]  # fmt: skip
     assert metrics["points"] == metrics["train_points"] + metrics["test_points"] == 20 * len(data.points)
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
@@ -134,7 +136,7 @@ def test_table_shows_the_yardstick_and_the_coverage_beside_the_model(tmp_path: P
     chosen = training(tmp_path, {"data": {}, "navier_cauchy": {}})
     yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN)
     assert yardstick["model"] == "finite_element" and yardstick["mse_mm2"]["x"] < 1e-2
-    found = assess(Shifted(), data, TRAIN, split, LABELS, {}, tmp_path, yardstick)
+    found = assess(Shifted(), data, TRAIN, split, LABELS, {}, tmp_path, training(tmp_path, {"data": {}}), yardstick)
     barred = {**found.metrics, "error_bar": {"covered_x": 0.9, "covered_z": 1.0, "median_mm": 1.0}}
     barred["by_pressure"] = [{**row, "covered": 0.777} for row in found.metrics["by_pressure"]]
     console = Console(width=80, record=True, file=io.StringIO())

@@ -1,10 +1,20 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
 import torch
+from scipy.spatial import cKDTree
 
+from pgdl_lab.assessment.residuals import residuals
 from pgdl_lab.errors import InputError
+from pgdl_lab.learning.data import Samples, Scene
 from pgdl_lab.learning.jet import Jet
+from pgdl_lab.learning.settings import OptimizerSettings
 from pgdl_lab.registry import discover, plugin
-from tests.trainings import scene, small
+from pgdl_lab.snapshots import Snapshots
+from tests.fingers import pneunet
+from tests.trainings import scene, small, training
 
 discover()
 LAME, SHEAR, FORCE_Z = 10.0, 0.5, -1e-5  # those of `scene`
@@ -66,8 +76,6 @@ def test_boundary_asks_for_the_clamp_to_rest() -> None:
 
 
 def test_boundary_refuses_a_body_without_a_clamp() -> None:
-    from dataclasses import replace
-
     with pytest.raises(InputError, match="clamped points"):
         plugin("loss", "boundary")().own_points(replace(scene(small()), clamp=small().clamp[:0]))
 
@@ -78,3 +86,83 @@ def test_boundary_refuses_a_body_without_a_clamp() -> None:
 def test_navier_cauchy_refuses_nonsense(fields: dict[str, object]) -> None:
     with pytest.raises(InputError):
         plugin("loss", "navier_cauchy")(**fields)
+
+
+def real_scene() -> Scene:
+    """The face of a small finger, with its law and profile."""
+    finger = pneunet()
+    face = finger.face(800)
+    still = np.zeros((1, 800, 2))
+    return Scene.of(finger, Snapshots(face.points, face.triangles, face.base, face.clamp, np.array([20.0]), still))
+
+
+def test_outline_surrounds_the_face() -> None:
+    """Gauss: the integral of x n_x over the outline is the area; the clamp lies at x = 0 and adds nothing."""
+    scene = real_scene()
+    middles, normals = scene.outline
+    corners = scene.points_mm[scene.triangles]
+    legs = corners[:, 1:] - corners[:, :1]
+    area = np.abs(legs[:, 0, 0] * legs[:, 1, 1] - legs[:, 0, 1] * legs[:, 1, 0]).sum() / 2
+    tree = cKDTree(scene.points_mm)
+    nearest = tree.query(middles)[0]
+    assert (2 * nearest * middles[:, 0] * normals[:, 0]).sum() == pytest.approx(area, rel=1e-9)
+    assert (middles[:, 0] > 0).all()
+
+
+def test_stress_free_turn_satisfies_yeoh_and_traction() -> None:
+    """A rigid turn by 90° has no stress, so what is left of the residual is the weight."""
+    scene = real_scene()
+    count = len(scene.outline[0])
+    rows = torch.zeros(6, count, 2, dtype=torch.double)
+    rows[1], rows[2] = torch.tensor([-1.0, 1.0]), torch.tensor([-1.0, -1.0])
+    for state in ("plane_stress", "plane_strain"):
+        assert plugin("loss", "traction")(state=state).tractions(Jet(rows), scene).abs().max() < 1e-12
+        left = plugin("loss", "yeoh")(state=state).residuals(Jet(rows), scene)
+        assert torch.allclose(left, torch.tensor(scene.body_force_n_mm3, dtype=torch.double).expand(count, 2))
+
+
+def test_traction_of_a_sheared_face_by_hand() -> None:
+    """Small simple shear u_x = γ z: P N = μ γ (N_z, N_x)."""
+    scene, shear = real_scene(), 1e-6
+    _, normals = scene.outline
+    rows = torch.zeros(3, len(normals), 2, dtype=torch.double)
+    rows[2, :, 0] = shear
+    found = plugin("loss", "traction")().tractions(Jet(rows), scene).numpy()
+    assert np.allclose(found, scene.shear_modulus_mpa * shear * normals[:, ::-1], rtol=1e-4, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["yeoh", "traction", "equilibrium"])
+@pytest.mark.parametrize("model", ["mlp", "body"])
+def test_physics_trains_the_whole_field(name: str, model: str, tmp_path: Path) -> None:
+    whole = training(tmp_path, {name: {"weight": 1.0}})
+    body = real_scene()
+    samples = Samples(body.points_mm, np.full(800, 20.0), 0.05 * body.points_mm)
+    fields = {"depth": 1, "width": 8} | ({"modes": 16} if model == "body" else {})
+    whole = replace(whole, scene=body, samples=samples)
+    history = plugin("model", model)(**fields).fit(replace(whole, optimizer=OptimizerSettings(lr=1e-4))).record.history
+    assert 0 < history[-1][f"raw/{name}"] < history[0][f"raw/{name}"]
+
+
+def test_residuals_of_the_truth_are_the_floor() -> None:
+    """A surrogate that is the simulation has its residuals; that of data is zero."""
+    body = real_scene()
+    bent = 0.02 * body.points_mm[None] * body.points_mm[None, :, ::-1] / 17
+    snapshots = Snapshots(body.points_mm, body.triangles, body.clamp, body.clamp, np.array([20.0]), bent)
+    losses = {name: plugin("loss", name)() for name in ("data", "boundary", "navier_cauchy", "yeoh", "equilibrium")}
+    same = residuals(losses, body, snapshots, bent, np.array([0]))
+    other = residuals(losses, body, snapshots, 0 * bent, np.array([0]))
+    assert same["data"]["fem"] == 0 and other["data"]["surrogate"] > 0
+    for name in losses:
+        assert same[name]["surrogate"] == same[name]["fem"] == other[name]["fem"]
+        assert other[name]["surrogate"] == other[name]["rest"]
+
+
+@pytest.mark.parametrize("name", ["yeoh", "traction", "equilibrium"])
+def test_physics_refuses_what_it_cannot_do(name: str) -> None:
+    with pytest.raises(InputError, match=r"plane_stres.*choose one of"):
+        plugin("loss", name)(state="plane_stres")
+    loss, unknown = plugin("loss", name)(), scene(small())
+    with pytest.raises(InputError, match=f"Loss {name} .*leave it out"):
+        loss.check(unknown.finger)
+    with pytest.raises(InputError, match="this material is Ogden"):
+        loss.check(pneunet(material=plugin("material", "ogden")()))

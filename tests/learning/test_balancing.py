@@ -1,0 +1,79 @@
+"""The direction of balancing: the weaker term's weight rises."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.learning.balancing import Balancer, BalancingSettings
+from pgdl_lab.learning.objective import Objective
+from pgdl_lab.registry import plugin
+from tests.trainings import training
+
+TERMS = {"strong": 100.0, "weak": 1.0}
+
+
+def test_weaker_gradient_gets_the_larger_factor() -> None:
+    balancer = Balancer(BalancingSettings("gradient_norm", memory=0.5), TERMS)
+    balancer.by_gradients(TERMS)
+    assert balancer.factors["strong"] < 1 < balancer.factors["weak"]
+    for _ in range(50):
+        balancer.by_gradients(TERMS)
+    assert balancer.factors["weak"] / balancer.factors["strong"] == pytest.approx(100)
+
+
+def test_slower_term_gets_the_larger_factor() -> None:
+    balancer = Balancer(BalancingSettings("relobralo"), TERMS)
+    generator = torch.Generator().manual_seed(0)
+    for step in range(5):
+        balancer.by_progress({"strong": 0.5**step, "weak": 0.95**step}, generator)
+    assert balancer.factors["strong"] < 1 < balancer.factors["weak"]
+    assert sum(balancer.factors.values()) == pytest.approx(2)
+
+
+def test_term_without_a_gradient_keeps_its_factor() -> None:
+    balancer = Balancer(BalancingSettings("gradient_norm"), TERMS)
+    balancer.by_gradients({"strong": 2.0, "weak": 0.0})
+    assert balancer.factors == {"strong": 1.0, "weak": 1.0}
+
+
+def test_gradients_come_to_lie_in_the_ratio_of_the_weights(tmp_path: Path) -> None:
+    losses = {"data": {}, "navier_cauchy": {"weight": 0.25}}
+    whole = training(tmp_path, losses)
+    torch.manual_seed(0)
+    field = plugin("model", "mlp")(depth=2, width=16).new_field(whole)
+    settings = BalancingSettings("gradient_norm", memory=0.0)
+    objective = Objective(field, whole.losses, whole.samples, whole.scene, settings)
+    terms = objective.terms(torch.arange(100), torch.Generator())
+    before = objective.gradient_shares(terms)
+    objective.balance(terms, torch.Generator())
+    after = objective.gradient_shares(terms)
+    assert before["navier_cauchy"] < 0.1 and after["navier_cauchy"] == pytest.approx(0.2)
+    with torch.no_grad():
+        whole_loss = sum(objective.weight(name) * float(value) for name, value in terms.items())
+        assert float(objective.total(terms)) == pytest.approx(whole_loss)
+
+
+@pytest.mark.parametrize("rule", ["gradient_norm", "relobralo"])
+def test_balanced_training_resumes_where_it_stood(rule: str, tmp_path: Path) -> None:
+    model = plugin("model", "mlp")(depth=2, width=16)
+    losses = {"data": {}, "boundary": {}}
+    balancing = BalancingSettings(rule, every=3)
+
+    def run(folder: str, epochs: int) -> list[dict[str, float]]:
+        whole = training(tmp_path / folder, losses, max_epochs=epochs, schedule="constant")
+        return list(model.fit(replace(whole, balancing=balancing)).record.history)
+
+    run("broken", 2)
+    resumed, unbroken = run("broken", 4), run("unbroken", 4)
+    for ours, theirs in zip(resumed, unbroken, strict=True):
+        assert ours["weight/data"] == theirs["weight/data"] and ours["loss"] == theirs["loss"]
+    assert resumed[-1]["weight/data"] != 1
+
+
+@pytest.mark.parametrize("fields", [{"rule": "ntk"}, {"every": 0}, {"memory": 1.0}, {"memory": float("nan")}])
+def test_nonsense_is_refused(fields: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        BalancingSettings(**fields)  # type: ignore[arg-type]
