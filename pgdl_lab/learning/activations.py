@@ -1,4 +1,4 @@
-"""Activations with their first and second derivatives."""
+"""Activations with their first three derivatives."""
 
 from __future__ import annotations
 
@@ -26,40 +26,44 @@ ACTIVATIONS: dict[str, type[nn.Module]] = {
 }
 PIECEWISE_LINEAR = (nn.ReLU,)  # their second derivative is zero wherever it exists
 
-Derivatives = tuple[Tensor, Tensor, Tensor]
+Derivatives = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
 def _relu(h: Tensor) -> Derivatives:
     step = (h > 0).to(h.dtype)
-    return h * step, step, torch.zeros_like(h)
+    zero = torch.zeros_like(h)
+    return h * step, step, zero, zero
 
 
 def _tanh(h: Tensor) -> Derivatives:
     value = torch.tanh(h)
     first = 1 - value.square()
-    return value, first, -2 * value * first
+    second = -2 * value * first
+    return value, first, second, -2 * (first.square() + value * second)
 
 
 def _silu(h: Tensor) -> Derivatives:
     gate = torch.sigmoid(h)
-    slope = gate * (1 - gate)
-    return h * gate, gate + h * slope, slope * (2 + h * (1 - 2 * gate))
+    slope, odd = gate * (1 - gate), 1 - 2 * gate
+    bend = slope * odd
+    return h * gate, gate + h * slope, 2 * slope + h * bend, 3 * bend + h * (bend * odd - 2 * slope.square())
 
 
 def _gelu(h: Tensor) -> Derivatives:
     gate = (1 + torch.erf(h / math.sqrt(2))) / 2
     density = torch.exp(-h.square() / 2) / math.sqrt(2 * math.pi)
-    return h * gate, gate + h * density, density * (2 - h.square())
+    return h * gate, gate + h * density, density * (2 - h.square()), density * h * (h.square() - 4)
 
 
 def _softplus(h: Tensor) -> Derivatives:
     gate = torch.sigmoid(h)
-    return nn.functional.softplus(h), gate, gate * (1 - gate)
+    slope = gate * (1 - gate)
+    return nn.functional.softplus(h), gate, slope, slope * (1 - 2 * gate)
 
 
 def _sine(h: Tensor) -> Derivatives:
-    value = torch.sin(h)
-    return value, torch.cos(h), -value
+    value, first = torch.sin(h), torch.cos(h)
+    return value, first, -value, -first
 
 
 DERIVATIVES: dict[type[nn.Module], Callable[[Tensor], Derivatives]] = {
@@ -70,3 +74,4 @@ DERIVATIVES: dict[type[nn.Module], Callable[[Tensor], Derivatives]] = {
     nn.Softplus: _softplus,
     Sine: _sine,
 }
+"""Value and first three derivatives; the third is for the gradient of a loss that holds second derivatives."""

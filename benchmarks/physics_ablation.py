@@ -1,0 +1,228 @@
+"""What physics in the loss is worth: each term at several weights against data alone, on both splits and on few points.
+
+    python benchmarks/physics_ablation.py [seconds]
+
+Trains `model=body` (64 modes, 2 × 64, degree 5) for the same number of steps whatever the loss; a term costs time on
+top. A weight is given as the error that it is worth: at `r` mm the term counts on the simulated displacement itself, on
+its floor, as much as data that err by r mm RMS. Results are appended to runs/physics_ablation.jsonl, where a later call
+goes on, for at most `seconds` (default: until all are done); then the table is printed and the figure drawn.
+"""
+
+import itertools
+import json
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import cache, paths, registry
+from pgdl_lab.assessment.residuals import residuals
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.module import TrainingDiverged
+from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.loss import Loss
+from pgdl_lab.snapshots import Observation, Snapshots
+
+STEPS, BATCH = 300, 256
+SEEDS = range(5)
+SPLITS = ("random", "extrapolate")
+SHARES = (0.05, 0.01, 0.002)
+WORTHS_MM = (0.01, 0.1)
+TERMS: dict[str, tuple[str, dict[str, Any]]] = {
+    "published": ("navier_cauchy", {"form": "published"}),
+    "corrected": ("navier_cauchy", {"form": "corrected"}),
+    "yeoh": ("yeoh", {}),
+    "equilibrium": ("equilibrium", {}),
+    "traction": ("traction", {}),
+}
+FAILED_MM = 10.0  # RMS error from which a training counts as failed
+FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "physics_ablation.png"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One training."""
+
+    seed: int
+    split: str
+    share: float
+    term: str
+    worth_mm: float
+
+
+def cases() -> Iterator[Case]:
+    """All trainings, seed by seed, so that a broken-off series has as many of each."""
+    for seed, split, share in itertools.product(SEEDS, SPLITS, SHARES):
+        yield Case(seed, split, share, "none", 0.0)
+        yield from (Case(seed, split, share, term, worth) for term in TERMS for worth in WORTHS_MM)
+
+
+def made(term: str, weight: float) -> dict[str, Loss]:
+    """The losses of a case."""
+    data = {"data": registry.plugin("loss", "data")(), "boundary": registry.plugin("loss", "boundary")()}
+    if term == "none":
+        return data
+    name, fields = TERMS[term]
+    return {**data, term: registry.plugin("loss", name)(weight=weight, **fields)}
+
+
+def train(case: Case, snapshots: Snapshots, scene: Scene, floors: dict[str, float]) -> dict[str, Any]:
+    """Errors of one training: RMS over unseen points at pressures up to the cut-off and beyond it [mm]."""
+    split = registry.plugin("split", case.split)(points=round(case.share * snapshots.displacements[..., 0].size))
+    points = split.train_points(snapshots, case.seed)
+    weight = case.worth_mm**2 / floors[case.term] if case.term in floors else 0.0
+    epochs = math.ceil(STEPS / math.ceil(len(points) / BATCH))
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        training = Training(
+            Samples.of(snapshots, points), scene, made(case.term, weight),
+            TrainerSettings(max_time="600", max_epochs=epochs, accelerator="cpu", progress=False, log_every_s=1e9),
+            OptimizerSettings(lr=2e-3, batch_size=BATCH), case.seed, Path(folder), {},
+        )  # fmt: skip
+        try:
+            surrogate = registry.plugin("model", "body")(modes=64, depth=2, width=64).fit(training)
+        except TrainingDiverged:
+            return {**asdict(case), "failed": True}
+    history = surrogate.record.history[-1]
+    seconds = time.perf_counter() - start
+    error = surrogate.predict(snapshots.points, snapshots.pressures_kpa) - snapshots.displacements
+    square = (error**2).sum(axis=2)
+    square.flat[points] = np.nan
+    beyond = snapshots.pressures_kpa > 44
+    within_mm, beyond_mm = (float(np.sqrt(np.nanmean(square[which]))) for which in (~beyond, beyond))
+    return {
+        **asdict(case),
+        "failed": not max(within_mm, beyond_mm) < FAILED_MM,
+        "within_mm": within_mm,
+        "beyond_mm": beyond_mm,
+        "gradient_share": history.get(f"share/{case.term}"),
+        "seconds": seconds,
+    }
+
+
+Panel = tuple[str, str, str]
+PANELS: tuple[Panel, ...] = (
+    ("random", "within_mm", "split random, up to 44 kPa"),
+    ("extrapolate", "within_mm", "split extrapolate, up to 44 kPa"),
+    ("extrapolate", "beyond_mm", "split extrapolate, above 44 kPa"),
+)
+
+
+def ratios(results: list[dict[str, Any]], split: str, error: str, share: float, term: str, worth: float) -> list[float]:
+    """Error by that of data alone, seed by seed, of trainings that did not fail."""
+    by_case = {Case(**{key: row[key] for key in Case.__dataclass_fields__}): row for row in results}
+    found = []
+    for seed in SEEDS:
+        ours = by_case.get(Case(seed, split, share, term, worth))
+        alone = by_case.get(Case(seed, split, share, "none", 0.0))
+        if ours and alone and not ours["failed"] and not alone["failed"]:
+            found.append(ours[error] / alone[error])
+    return found
+
+
+def table(results: list[dict[str, Any]]) -> Table:
+    """Ratio to data alone: geometric mean, least and greatest; counts of trainings and failures."""
+    shown = Table(title="RMS error by that of data alone: geometric mean (least … greatest) over seeds")
+    for heading in ("term", "worth [mm]", "points", *(title for *_, title in PANELS), "runs", "failed"):
+        shown.add_column(heading, justify="right")
+    for share in SHARES:
+        alone = [row for row in results if row["term"] == "none" and row["share"] == share and not row["failed"]]
+        cells = []
+        for split, error, _ in PANELS:
+            values = [row[error] for row in alone if row["split"] == split]
+            cells.append(f"{np.mean(values):.3g} mm ({min(values):.3g} … {max(values):.3g})" if values else "–")
+        shown.add_row("data alone", "–", f"{share:.1%}", *cells, str(len(alone)), "")
+        for term, worth in itertools.product(TERMS, WORTHS_MM):
+            rows = [r for r in results if (r["term"], r["worth_mm"], r["share"]) == (term, worth, share)]
+            cells = []
+            for split, error, _ in PANELS:
+                values = ratios(results, split, error, share, term, worth)
+                mean = np.exp(np.mean(np.log(values))) if values else np.nan
+                cells.append(f"{mean:.2f} ({min(values):.2f} … {max(values):.2f})" if values else "–")
+            failed = sum(row["failed"] for row in rows)
+            shown.add_row(term, f"{worth:g}", f"{share:.1%}", *cells, str(len(rows)), str(failed))
+        shown.add_section()
+    return shown
+
+
+def draw(results: list[dict[str, Any]]) -> None:
+    """The ratios as a figure."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 10), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(3, 1, sharex=True, sharey=True)
+    places = list(itertools.product(TERMS, WORTHS_MM))
+    for ax, (split, error, title) in zip(axes, PANELS, strict=True):
+        for shift, share, colour in zip((-0.2, 0, 0.2), SHARES, ("C0", "C1", "C3"), strict=True):
+            for place, (term, worth) in enumerate(places):
+                values = ratios(results, split, error, share, term, worth)
+                if values:
+                    mean = np.exp(np.mean(np.log(values)))
+                    ax.plot([place + shift] * 2, [min(values), max(values)], color=colour, lw=1.5)
+                    ax.plot(place + shift, mean, "o", color=colour, ms=4)
+        for share, colour in zip(SHARES, ("C0", "C1", "C3"), strict=True):
+            alone = [r[error] for r in results if (r["term"], r["split"], r["share"]) == ("none", split, share)]
+            mean_mm = f"{np.mean(alone):.2g} mm" if alone else "–"
+            ax.plot([], [], "o-", color=colour, ms=4, label=f"{share:.1%} of the points; data alone {mean_mm}")
+        ax.axhline(1, color="0.4", lw=1)
+        for place in range(len(WORTHS_MM), len(places), len(WORTHS_MM)):
+            ax.axvline(place - 0.5, color="0.85", lw=1)
+        ax.set(yscale="log", title=title, ylabel="RMS error by that\nof data alone")
+        ax.legend(loc="upper left", fontsize=8)
+    axes[-1].set_xticks(range(len(places)), [f"{term}\n{worth:g} mm" for term, worth in places], fontsize=8)
+    axes[-1].set_xlabel("term and its weight, as the error that it is worth on the simulated displacement")
+    runs = len(results)
+    figure.suptitle(f"Physics in the loss of model body on pneunet, {runs} trainings; dots: mean, bars: all seeds")
+    figure.savefig(FIGURE, dpi=110)
+
+
+def main() -> None:
+    """Train what is missing, print and draw."""
+    deadline = time.monotonic() + (float(sys.argv[1]) if len(sys.argv) > 1 else math.inf)
+    registry.discover()
+    finger, solid = registry.plugin("finger", "pneunet")(), registry.plugin("fem", "solid")(estimate_error=False)
+    snapshots, _, _ = cache.simulate(finger, solid, Observation(points=1600), paths.RUNS / "snapshots")
+    scene = Scene.of(finger, snapshots)
+    some = np.arange(9, 88, 10)
+    floors = residuals(
+        {term: made(term, 1.0)[term] for term in TERMS}, scene, snapshots, 0 * snapshots.displacements, some
+    )
+    floor = {term: found["fem"] for term, found in floors.items()}
+    path = paths.RUNS / "physics_ablation.jsonl"
+    results = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    done = {Case(**{key: row[key] for key in Case.__dataclass_fields__}) for row in results}
+    with path.open("a") as file:
+        for case in cases():
+            if case in done:
+                continue
+            if time.monotonic() > deadline:
+                break
+            results.append(train(case, snapshots, scene, floor))
+            file.write(json.dumps(results[-1]) + "\n")
+            file.flush()
+    shown = Table(title="Terms of whole fields, unweighted, mean over 5 … 40 kPa")
+    for heading in ("term", "simulated displacement (floor)", "no displacement"):
+        shown.add_column(heading, justify="right")
+    for term, found in floors.items():
+        shown.add_row(term, f"{found['fem']:.3g}", f"{found['rest']:.3g}")
+    console = Console(width=160)
+    console.print(shown, table(results))
+    costs = [
+        (term, [r["seconds"] for r in results if r["term"] == term and "seconds" in r]) for term in ("none", *TERMS)
+    ]
+    print("seconds per training:", ", ".join(f"{term} {np.median(took):.1f}" for term, took in costs if took))
+    draw(results)
+
+
+if __name__ == "__main__":
+    main()
