@@ -1,6 +1,7 @@
 """The command line: Hydra composes the configuration, the chosen task does the work, errors become sentences."""
 
 import importlib
+import json
 import logging
 import os
 import pkgutil
@@ -8,6 +9,7 @@ import signal
 import sys
 import traceback
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -17,11 +19,12 @@ from omegaconf import DictConfig
 
 import pgdl_lab.tasks
 from pgdl_lab import registry, sweep
-from pgdl_lab.errors import InputError
+from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.experiment import Experiment, resumed, save, store_schema
 from pgdl_lab.folders import link_latest
 from pgdl_lab.messages import EXPECTED, sentence
-from pgdl_lab.paths import CONF
+from pgdl_lab.paths import CONF, PLUGINS
+from pgdl_lab.search.trial import PRUNED, TICKET, TrialPruned, time_limit
 from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)
@@ -33,6 +36,7 @@ def main() -> None:
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors over; `sentence` words them
     logging.captureWarnings(True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a cluster's stop: leave in order
+    sys.path += [str(folder) for folder in PLUGINS if (folder / "hydra_plugins").is_dir()]
     store_choices()
     problem: str | None = None
     status = "KILLED"
@@ -62,11 +66,13 @@ def store_choices() -> None:
         ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
 
 
-def job(config: DictConfig) -> float | None:
+def job(config: DictConfig) -> Any:
     """Run the chosen task in the folder that Hydra made; a failure is told in `run.log` there."""
     settings = HydraConfig.get()
     folder = Path(settings.runtime.output_dir)
     sweep_folder = Path(settings.sweep.dir) if settings.mode == RunMode.MULTIRUN else None
+    if sweep_folder is not None:
+        (folder / sweep.OVERRIDES).write_text(json.dumps(list(settings.overrides.task)), encoding="utf-8")
     try:
         if config.resume is not None:
             if sweep_folder is not None:
@@ -75,8 +81,11 @@ def job(config: DictConfig) -> float | None:
         work = Job(Experiment.from_config(config), config, folder, sweep_folder)
         save(config, folder / "config.yaml")
         link_latest(folder)
-        result: float | None = importlib.import_module(f"pgdl_lab.tasks.{config.task}").run(work)
-        return result
+        with time_limit(folder):
+            return importlib.import_module(f"pgdl_lab.tasks.{config.task}").run(work)
+    except TrialPruned as stop:
+        _log.info(str(stop))
+        return PRUNED
     except (KeyboardInterrupt, SystemExit):  # Lightning makes the latter of the former
         print(f"\npgdl-lab: stopped; resume={folder} goes on with it", file=sys.stderr)
         raise
@@ -86,14 +95,29 @@ def job(config: DictConfig) -> float | None:
         if sweep_folder is None:  # Hydra would add a line of its own to an exception
             sys.exit(f"pgdl-lab: {problem}" + ("" if isinstance(error, EXPECTED) else f" (see {folder}/run.log)"))
         (folder / sweep.FAILURE).write_text(problem, encoding="utf-8")
+        if not (folder / TICKET).is_file():  # the search marks its own
+            _mark_failed(folder, sweep_folder, problem, settings.overrides.task)
         _log.error("Job %s failed: %s", folder.name, problem)
         raise
 
 
-def _end_sweep(folder: Path, status: str) -> str | None:
-    """Close the multirun's parent run; list the jobs that failed."""
-    from pgdl_lab.tracking import end_parent  # loads MLflow
+def _mark_failed(folder: Path, sweep_folder: Path, problem: str, overrides: list[str]) -> None:
+    from pgdl_lab.tracking import note_job  # loads MLflow
 
+    try:
+        note_job(folder, sweep_folder, "FAILED", {"error": problem}, {}, overrides)
+    except LabError as error:  # the job's own failure is the one to tell
+        _log.warning("The failure is not in MLflow: %s", error)
+
+
+def _end_sweep(folder: Path, status: str) -> str | None:
+    """Compare the multirun's jobs and close its parent run; list the jobs that failed."""
+    from pgdl_lab.multirun import compare
+    from pgdl_lab.tracking import RUN_ID, end_parent, log_to_parent  # loads MLflow
+
+    compared = compare(folder)
+    if (folder / RUN_ID).is_file():
+        log_to_parent(folder, compared)
     end_parent(folder, status)
     failed = sweep.failures(folder)
     if not failed:

@@ -11,6 +11,9 @@ from omegaconf import OmegaConf
 from pgdl_lab import paths
 from pgdl_lab.errors import InputError
 
+BEST = paths.RUNS / "experiment"
+"""The best configurations of searches: `<study>/<name>.yaml` there is typed as `experiment=<study>/<name>`."""
+
 
 def run_folder(resume: str | None) -> str:
     """Folder of a run: the resumed one, else a new name from the time and a random ending, as runs may start together.
@@ -30,6 +33,22 @@ def run_folder(resume: str | None) -> str:
 
 # The cache makes all jobs of a multirun share one folder.
 OmegaConf.register_new_resolver("run_folder", run_folder, use_cache=True, replace=True)
+
+
+def study_folder(study: str) -> str:
+    """Folder of a search, the same for all who name the study.
+
+    Raises
+    ------
+    InputError
+        If nothing can be written there.
+    """
+    folder = paths.RUNS / study
+    _check_writable(folder)
+    return str(folder)
+
+
+OmegaConf.register_new_resolver("study_folder", study_folder, use_cache=True, replace=True)
 
 
 def stored_run(name: str) -> Path:

@@ -17,6 +17,7 @@ from pgdl_lab.experiment import Experiment
 from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.registry import describe
+from pgdl_lab.search import trial
 from pgdl_lab.tracking import TrackedRun
 
 _log = logging.getLogger(__name__)
@@ -72,6 +73,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         provenance=snapshots.provenance,
         logger=EpochLogger(tracked),
         balancing=experiment.balancing,
+        callbacks=trial.callbacks(folder),
     )
     try:
         surrogate = experiment.model.fit(training)

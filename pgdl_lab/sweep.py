@@ -8,6 +8,8 @@ from omegaconf import DictConfig
 
 FAILURE = "error.txt"
 """File in the folder of a job that failed: one sentence."""
+OVERRIDES = "overrides.json"
+"""File in the folder of every job of a multirun: what was typed for it."""
 
 _started: list[Path] = []
 

@@ -8,7 +8,7 @@ import logging
 import os
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,13 @@ from pgdl_lab import paths
 from pgdl_lab.errors import LabError
 from pgdl_lab.files import replacing
 from pgdl_lab.registry import KINDS
+from pgdl_lab.search.trial import TrialPruned
 from pgdl_lab.snapshots import Snapshots
 
 os.environ.setdefault("MLFLOW_CONFIGURE_LOGGING", "false")  # its own handlers would print every message twice
 
 from mlflow import MlflowClient  # noqa: E402
-from mlflow.entities import DatasetInput, InputTag, Metric, Param  # noqa: E402
+from mlflow.entities import DatasetInput, InputTag, Metric, Param, RunTag  # noqa: E402
 from mlflow.exceptions import MlflowException  # noqa: E402
 
 EXPERIMENT = "pgdl_lab"
@@ -34,6 +35,7 @@ RUN_ID = "mlflow_run_id"
 
 _FLUSH_S = 5.0  # one write per metric would cost more than an epoch of a small network
 _BATCH = 1000  # MLflow's limit for one call
+_LONGEST = 6000  # characters of a parameter, likewise
 
 for _noisy in ("mlflow", "alembic"):
     logging.getLogger(_noisy).setLevel(logging.WARNING)
@@ -97,7 +99,7 @@ class TrackedRun:
 def tracked_run(folder: Path, sweep_folder: Path | None) -> Iterator[TrackedRun]:
     """Open the MLflow run of a run folder: a new one, or the old one where the folder is resumed.
 
-    Ends as FINISHED, as FAILED after an exception, or as KILLED after an interrupt.
+    Ends as FINISHED, as FAILED after an exception, or as KILLED after an interrupt or where a search prunes it.
 
     Parameters
     ----------
@@ -123,6 +125,8 @@ def tracked_run(folder: Path, sweep_folder: Path | None) -> Iterator[TrackedRun]
     try:
         yield run
         status = "FINISHED"
+    except TrialPruned:
+        raise
     except Exception:
         status = "FAILED"
         raise
@@ -132,6 +136,14 @@ def tracked_run(folder: Path, sweep_folder: Path | None) -> Iterator[TrackedRun]
         client.set_terminated(run_id, status)
 
 
+def open_parent(sweep_folder: Path, params: Mapping[str, str]) -> None:
+    """Open the parent run of a search, a new one or the old one where the search goes on."""
+    client, experiment_id = _connect()
+    parent = _parent(client, experiment_id, sweep_folder)
+    client.update_run(parent, status="RUNNING")
+    client.log_batch(parent, params=[Param(key, value[:_LONGEST]) for key, value in params.items()])
+
+
 def end_parent(sweep_folder: Path, status: str) -> None:
     """Close the parent run of a multirun, if any of its jobs was tracked."""
     if (sweep_folder / RUN_ID).is_file():
@@ -139,6 +151,64 @@ def end_parent(sweep_folder: Path, status: str) -> None:
         parent = _known_run(client, sweep_folder)
         if parent is not None:
             client.set_terminated(parent, status)
+
+
+def log_to_parent(sweep_folder: Path, files: Iterable[Path]) -> None:
+    """Copy files of a multirun to its parent run; figures under `figures`, as in other runs."""
+    client, experiment_id = _connect()
+    parent = _parent(client, experiment_id, sweep_folder)
+    for file in files:
+        client.log_artifact(parent, str(file), "figures" if file.suffix == ".png" else None)
+
+
+def note_job(
+    folder: Path,
+    sweep_folder: Path,
+    status: str,
+    tags: Mapping[str, str],
+    metrics: Mapping[str, float],
+    overrides: Iterable[str],
+) -> None:
+    """Mark the run of a multirun's job; a job that its task did not track gets a run now.
+
+    Parameters
+    ----------
+    folder, sweep_folder
+        Folders of the job and of the multirun.
+    status
+        "FINISHED", "FAILED" or "KILLED".
+    tags, metrics
+        What is marked.
+    overrides
+        What was typed for this job, the parameters of a run that has no configuration.
+    """
+    client, experiment_id = _connect()
+    run_id = _known_run(client, folder)
+    if run_id is None:
+        folder.mkdir(parents=True, exist_ok=True)
+        parent = _parent(client, experiment_id, sweep_folder)
+        run_id = _new_run(client, experiment_id, folder, {"mlflow.parentRunId": parent})
+        typed = (override.partition("=") for override in overrides)
+        client.log_batch(run_id, params=[Param(key.lstrip("+"), value) for key, _, value in typed])
+        run = TrackedRun(client, run_id)
+        run.log_results(folder)
+        run.flush()
+    now = time.time_ns() // 1_000_000
+    client.log_batch(
+        run_id,
+        metrics=[Metric(f"objective/{key.replace('+', ' ')}", value, now, 0) for key, value in metrics.items()],
+        tags=[RunTag(key, value) for key, value in tags.items()],
+    )
+    client.set_terminated(run_id, status)
+
+
+def close_killed(folder: Path) -> None:
+    """End the run of a job whose process was killed, if it had one."""
+    client, _ = _connect()
+    run_id = _known_run(client, folder)
+    if run_id is not None:
+        client.set_tag(run_id, "trial_state", "killed")
+        client.set_terminated(run_id, "KILLED")
 
 
 def _connect() -> tuple[MlflowClient, str]:

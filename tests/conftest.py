@@ -26,7 +26,8 @@ Lab = Callable[..., subprocess.CompletedProcess[str]]
 
 def environment(root: Path) -> dict[str, str]:
     """Environment of a process with a root of its own, which finds this package and `tests`."""
-    return {**os.environ, "PGDL_LAB_ROOT": str(root), "OMP_NUM_THREADS": "1", "PYTHONPATH": str(CHECKOUT)}
+    found = os.pathsep.join(filter(None, [str(CHECKOUT), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PGDL_LAB_ROOT": str(root), "OMP_NUM_THREADS": "1", "PYTHONPATH": found}
 
 
 def composed(*typed: str) -> "DictConfig":

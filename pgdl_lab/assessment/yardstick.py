@@ -34,7 +34,8 @@ def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArr
     """
     start = time.perf_counter()
     data = {name: loss for name, loss in training.losses.items() if loss.order == 0}
-    surrogate = model.fit(replace(training, losses=data, folder=training.folder / "yardstick", logger=None))
+    alone = replace(training, losses=data, folder=training.folder / "yardstick", logger=None, callbacks=())
+    surrogate = model.fit(alone)
     seconds = time.perf_counter() - start
     comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa), train)
     return {

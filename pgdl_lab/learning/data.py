@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -135,6 +135,8 @@ class Training:
         A Lightning logger, or None.
     balancing
         How the weights of the losses follow the training.
+    callbacks
+        Lightning callbacks that watch the training.
     """
 
     samples: Samples
@@ -147,3 +149,4 @@ class Training:
     provenance: Mapping[str, Any]
     logger: Any = None
     balancing: BalancingSettings = field(default_factory=BalancingSettings)
+    callbacks: Sequence[Any] = ()

@@ -78,7 +78,7 @@ def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
         devices=1,
         max_epochs=settings.max_epochs,
         logger=training.logger or False,
-        callbacks=[checkpoint, *([ProgressBar()] if settings.progress else [])],
+        callbacks=[checkpoint, *training.callbacks, *([ProgressBar()] if settings.progress else [])],
         default_root_dir=training.folder,
         enable_progress_bar=False,
         enable_model_summary=False,

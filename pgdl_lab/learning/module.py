@@ -131,18 +131,21 @@ class TrainingModule(pl.LightningModule):
         if last or not self.history or self.seconds - self.history[-1]["seconds"] >= self.budget.log_every_s:
             self._record()
 
+    def means(self) -> dict[str, float]:
+        """Mean of each loss term over the batches of this epoch."""
+        steps = self.trainer.fit_loop.epoch_loop.batch_progress.current.completed
+        return {name: float(total) / max(steps, 1) for name, total in self._sums.items()}
+
     def _record(self) -> None:
         """Add an entry to the loss history: mean terms of this epoch, gradient shares on its last batch."""
         with torch.enable_grad():
             shares = self.objective.gradient_shares(self.objective.terms(self._batch, self.generator))
-        steps = self.trainer.fit_loop.epoch_loop.batch_progress.current.completed
         entry = {
             "epoch": float(self.current_epoch + 1),
             "seconds": self.seconds,
             "lr": float(self.trainer.optimizers[0].param_groups[0]["lr"]),
         }
-        for name, total in self._sums.items():
-            raw = float(total) / max(steps, 1)
+        for name, raw in self.means().items():
             entry |= {
                 f"raw/{name}": raw,
                 f"weight/{name}": self.objective.weight(name),

@@ -1,0 +1,171 @@
+"""Figures of a study: history, importances, parallel coordinates and, for two objectives, the Pareto front."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import optuna
+from optuna.trial import FrozenTrial, TrialState
+
+from pgdl_lab.assessment.figures import STYLE
+from pgdl_lab.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FEWEST = 4  # complete trials that say something about importances
+RATIO = 20.0  # greatest over least value from which on an axis is logarithmic
+
+
+def draw(study: optuna.Study, objectives: Mapping[str, str], folder: Path) -> list[Path]:
+    """Write the figures of `study` to `folder`.
+
+    Parameters
+    ----------
+    study
+        The study.
+    objectives
+        Names and directions, in the order of the trials' values.
+    folder
+        Where the PNG files go.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    if not trials:
+        return []
+    importances = _importances(study, len(objectives)) if len(trials) >= FEWEST else []
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    with matplotlib.rc_context(STYLE):
+        figures: dict[str, Figure] = {}
+
+        def new(name: str, columns: int, width: float, height: float) -> list[Axes]:
+            figures[name] = Figure(figsize=(width, height), layout="constrained")
+            axes: list[Axes] = figures[name].subplots(1, columns, squeeze=False)[0].tolist()
+            return axes
+
+        _history(new("history", len(objectives), 6.5 * len(objectives), 4), study, objectives)
+        if any(importances):
+            _bars(new("importances", len(objectives), 6.5 * len(objectives), 4), importances, list(objectives))
+        names = sorted({name for trial in trials for name in trial.params})
+        _parallel(new("parallel_coordinates", 1, 2.2 * (len(names) + 1), 5)[0], trials, names, objectives)
+        if len(objectives) > 1:
+            pairs = [(0, other) for other in range(1, len(objectives))]
+            axes = new("pareto", len(pairs), 6.5 * len(pairs), 5)
+            for axis, pair in zip(axes, pairs, strict=True):
+                _pareto(axis, trials, study.best_trials, list(objectives), pair)
+        for name, figure in figures.items():
+            path = folder / f"{name}.png"
+            with replacing(path) as temporary:
+                figure.savefig(temporary, format="png")
+            written.append(path)
+    return written
+
+
+def _importances(study: optuna.Study, count: int) -> list[dict[str, float]]:
+    """Share of each setting in what makes the trials differ, for each objective; empty where nothing differs."""
+    found = []
+    for index in range(count):
+        try:
+            found.append(optuna.importance.get_param_importances(study, target=partial(_value, index)))
+        except (RuntimeError, ValueError):  # all trials have the same value, or the same settings
+            found.append({})
+    return found
+
+
+def _value(index: int, trial: FrozenTrial) -> float:
+    value: float = trial.values[index]
+    return value
+
+
+def _history(axes: Sequence[Axes], study: optuna.Study, objectives: Mapping[str, str]) -> None:
+    trials = study.get_trials(deepcopy=False)
+    for index, (axis, (name, direction)) in enumerate(zip(axes, objectives.items(), strict=True)):
+        done = [trial for trial in trials if trial.state is TrialState.COMPLETE]
+        numbers, values = [trial.number for trial in done], [trial.values[index] for trial in done]
+        best = (np.minimum if direction == "minimize" else np.maximum).accumulate(values)
+        axis.plot(numbers, values, "o", ms=4, label="complete")
+        axis.step(numbers, best, where="post", color="0.3", label="best so far")
+        for state, mark, label in ((TrialState.PRUNED, "|", "pruned"), (TrialState.FAIL, "x", "failed")):
+            others = [trial.number for trial in trials if trial.state is state]
+            if others:
+                axis.plot(others, [max(values)] * len(others), mark, color="tab:red", ms=7, label=label)
+        _scale(axis.set_yscale, values)
+        axis.set(xlabel="trial", ylabel=name)
+        axis.legend()
+
+
+def _bars(axes: Sequence[Axes], importances: Sequence[Mapping[str, float]], names: Sequence[str]) -> None:
+    for axis, shares, name in zip(axes, importances, names, strict=True):
+        axis.barh(list(shares)[::-1], list(shares.values())[::-1])
+        axis.set(xlabel="importance", title=name)
+
+
+def _parallel(axis: Axes, trials: Sequence[FrozenTrial], names: Sequence[str], objectives: Mapping[str, str]) -> None:
+    """One line per trial over its settings, ending at its first objective, which also gives its colour."""
+    import matplotlib
+
+    columns = [_unit([trial.params.get(name) for trial in trials]) for name in names]
+    ends, ticks = _unit([trial.values[0] for trial in trials])
+    heights = np.column_stack([*(column for column, _ in columns), ends])
+    colours = matplotlib.colormaps["viridis"]
+    for line, end in sorted(zip(heights, ends, strict=True), key=lambda each: -each[1]):
+        axis.plot(line, color=colours(end), lw=1.2, marker="o", ms=3)
+    for place, labels in enumerate([*(labels for _, labels in columns), ticks]):
+        axis.axvline(place, color="0.8", zorder=0)
+        for height, label in labels.items():
+            axis.text(place + 0.03, height, label, fontsize=8, va="center")
+    axis.set_xticks(range(len(names) + 1), [*names, next(iter(objectives))], rotation=15)
+    axis.set_yticks([])
+    axis.set_xlim(-0.1, len(names) + 0.5)
+
+
+def _unit(values: Sequence[Any]) -> tuple[np.ndarray, dict[float, str]]:
+    """Values placed from 0 to 1, and the labels of places; settings that a trial lacks lie below at −0.1."""
+    there = [value for value in values if value is not None]
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in there):
+        logarithmic = min(there) > 0 and max(there) / min(there) > RATIO
+        scaled = {value: float(np.log(value)) if logarithmic else float(value) for value in there}
+        low, span = min(scaled.values()), (max(scaled.values()) - min(scaled.values())) or 1.0
+        places: dict[Any, float] = {value: (scaled[value] - low) / span for value in there}
+        labels = {places[value]: f"{value:.3g}" for value in (min(there), max(there))}
+    else:
+        kinds = sorted({str(value) for value in there})
+        places = {value: kinds.index(str(value)) / max(len(kinds) - 1, 1) for value in there}
+        labels = {place: str(value) for value, place in places.items()}
+    return np.array([places.get(value, -0.1) for value in values]), labels
+
+
+def _pareto(
+    axis: Axes,
+    trials: Sequence[FrozenTrial],
+    front: Sequence[FrozenTrial],
+    names: Sequence[str],
+    pair: tuple[int, int],
+) -> None:
+    y, x = pair
+    axis.plot([t.values[x] for t in trials], [t.values[y] for t in trials], "o", color="0.7", ms=5, label="trials")
+    ordered = sorted(front, key=lambda trial: trial.values[x])
+    across, up = [trial.values[x] for trial in ordered], [trial.values[y] for trial in ordered]
+    axis.step(across, up, where="post", color="tab:blue", lw=1)
+    axis.plot(across, up, "o", color="tab:blue", ms=6, label="Pareto front")
+    for trial in ordered:
+        axis.annotate(
+            str(trial.number), (trial.values[x], trial.values[y]), (4, 4), textcoords="offset points", fontsize=8
+        )
+    _scale(axis.set_xscale, [trial.values[x] for trial in trials])
+    _scale(axis.set_yscale, [trial.values[y] for trial in trials])
+    axis.set(xlabel=names[x], ylabel=names[y])
+    axis.legend()
+
+
+def _scale(set_scale: Any, values: Sequence[float]) -> None:
+    if min(values) > 0 and max(values) / min(values) > RATIO:
+        set_scale("log")

@@ -1,0 +1,51 @@
+"""Objectives of a search, read from metrics.json of its trials."""
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pgdl_lab.errors import LabError
+from pgdl_lab.registry import closest
+from pgdl_lab.search.settings import MISFIT
+
+
+def values(folder: Path, objectives: Iterable[str], targets: Mapping[str, Sequence[float]]) -> list[float]:
+    """Value of each objective for the run in `folder`.
+
+    Raises
+    ------
+    InputError
+        If a metric has no such name.
+    LabError
+        If there are no metrics, or one is no finite number.
+    """
+    file = folder / "metrics.json"
+    if not file.is_file():
+        raise LabError(f"The task wrote no {file.name}: search with one that does, such as task=train.")
+    metrics = dict(numbers(json.loads(file.read_text(encoding="utf-8"))))
+
+    def metric(name: str) -> float:
+        return metrics[closest(name.strip(), metrics, "metric")]
+
+    found = []
+    for name in objectives:
+        if name == MISFIT:
+            lacks = [(metric(each) - target) / tolerance for each, (target, tolerance) in targets.items()]
+            value = math.sqrt(sum(lack**2 for lack in lacks) / len(lacks))
+        else:
+            value = sum(metric(term) for term in name.split("+"))
+        if not math.isfinite(value):
+            raise LabError(f"{name} is {value}.")
+        found.append(value)
+    return found
+
+
+def numbers(tree: Any, key: str = "") -> Iterator[tuple[str, float]]:
+    """Dotted keys and values of the numbers in a JSON tree; the entries of a list are numbered from 0."""
+    if isinstance(tree, Mapping | list):
+        for name, child in tree.items() if isinstance(tree, Mapping) else enumerate(tree):
+            yield from numbers(child, f"{key}.{name}" if key else str(name))
+    elif isinstance(tree, int | float) and not isinstance(tree, bool):
+        yield key, float(tree)

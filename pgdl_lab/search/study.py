@@ -1,0 +1,252 @@
+"""A study shared by any number of processes: who runs which trial, and when enough of them are done."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import optuna
+from filelock import FileLock, Timeout
+from hydra.utils import instantiate
+from optuna.trial import FrozenTrial, TrialState
+
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.search.settings import DEFAULT_SAMPLER
+
+if TYPE_CHECKING:
+    from optuna.storages import BaseStorage
+
+    from pgdl_lab.search.settings import SearchSettings
+    from pgdl_lab.search.space import Space
+
+SCHEMA, EXHAUSTED = "schema", "exhausted"  # attributes of a study
+WORKER, OVERRIDES, ERROR, RETRY_OF, LOST = "worker", "overrides", "error", "retry_of", "lost"  # attributes of a trial
+_DIRECTION = {each.name.lower(): each for each in optuna.study.StudyDirection}
+
+
+class _AskedStudy(optuna.Study):
+    """Study outside `optimize`, whose samplers may still say that nothing is left to try."""
+
+    def stop(self) -> None:
+        self.set_user_attr(EXHAUSTED, True)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A trial that this process runs.
+
+    Attributes
+    ----------
+    trial
+        Optuna's trial.
+    overrides
+        Its settings, as typed.
+    """
+
+    trial: optuna.Trial
+    overrides: list[str]
+
+
+class SharedStudy:
+    """The study of a search, opened by one worker.
+
+    A worker holds a lock file as long as it lives, and the kernel takes it back from one that is killed. So a running
+    trial of a worker whose lock is free is lost for certain, whatever the time since it was last heard of.
+
+    Parameters
+    ----------
+    folder
+        Folder of the study, the same for all workers.
+    settings
+        Its settings.
+    storage
+        Where it is kept.
+    space
+        What is searched.
+    config
+        All other settings and their values, the same in every trial.
+
+    Raises
+    ------
+    InputError
+        If the study was begun with another search space, other objectives or settings.
+    """
+
+    def __init__(
+        self, folder: Path, settings: SearchSettings, storage: BaseStorage, space: Space, config: Mapping[str, Any]
+    ) -> None:
+        self.folder, self.settings, self.space = folder, settings, space
+        self.lock = FileLock(folder / ".study.lock")
+        self._workers = folder / ".workers"
+        self._workers.mkdir(exist_ok=True)
+        self.worker = secrets.token_hex(6)
+        self._alive = FileLock(self._workers / self.worker)
+        self._alive.acquire()
+        schema: dict[str, Any] = {
+            "objective": settings.directions,
+            "target": {name: list(target) for name, target in settings.targets.items()},
+            "space": space.description(),
+            "setting": dict(config),
+        }
+        with self.lock:
+            optuna.create_study(
+                study_name=settings.study,
+                storage=storage,
+                directions=[_DIRECTION[each] for each in settings.directions.values()],
+                load_if_exists=True,
+            )
+            self.study = _AskedStudy(settings.study, storage)
+            known = self.study.user_attrs.get(SCHEMA)
+            if known is None:
+                self.study.set_user_attr(SCHEMA, schema)
+            else:
+                _check_same(settings.study, known, schema)
+            self.study.sampler = self._sampler(0)
+            if settings.pruner is not None:
+                self.study.pruner = quietly(instantiate, settings.pruner)
+            if settings.retry_failed:
+                for trial in self._counted(TrialState.FAIL):
+                    self._enqueue(trial, trial.params)
+
+    def trials(self, *states: TrialState) -> list[FrozenTrial]:
+        """Trials in these states, or all, by number."""
+        return self.study.get_trials(deepcopy=False, states=states or None)
+
+    def _counted(self, *states: TrialState) -> list[FrozenTrial]:
+        """Trials in these states that count: neither lost nor run again since."""
+        retried = {trial.user_attrs.get(RETRY_OF) for trial in self.trials()}
+        return [each for each in self.trials(*states) if each.number not in retried and LOST not in each.user_attrs]
+
+    def ended(self) -> list[FrozenTrial]:
+        """Trials that count towards `n_trials`."""
+        return self._counted(TrialState.COMPLETE, TrialState.PRUNED, TrialState.FAIL)
+
+    def failed(self) -> list[FrozenTrial]:
+        """Trials that failed and were not run again."""
+        return self._counted(TrialState.FAIL)
+
+    @property
+    def complete(self) -> bool:
+        """Whether all trials are done, or nothing is left to try."""
+        exhausted = self.study.user_attrs.get(EXHAUSTED, False) and not self.trials(TrialState.WAITING)
+        return exhausted or len(self.ended()) >= self.settings.n_trials
+
+    def claim(self, recover: Callable[[int], list[float] | None]) -> list[Claim]:
+        """Trials for this worker to run next; none if others run all that are left.
+
+        Parameters
+        ----------
+        recover
+            The values of a killed worker's trial, by its number, or None if the trial had not come to its end.
+
+        Raises
+        ------
+        LabError
+            If too many trials failed.
+        """
+        with self.lock:
+            self._take_up_lost(recover)
+            self._check_failures()
+            running = self.trials(TrialState.RUNNING)
+            left = 0 if self.complete else self.settings.n_trials - len(self.ended()) - len(running)
+            return [self._ask() for _ in range(min(left, self.settings.batch))]
+
+    def _ask(self) -> Claim:
+        number = len(self.trials())
+        self.study.sampler = self._sampler(number)
+        trial = self.study.ask()
+        overrides = self.space.suggest(trial)
+        trial.set_user_attr(OVERRIDES, overrides)
+        trial.set_user_attr(WORKER, self.worker)  # last: a trial without it was never begun
+        return Claim(trial, overrides)
+
+    def _sampler(self, number: int) -> Any:
+        """A sampler for one trial: with one seed for all, workers and resumed studies would draw the same again."""
+        arguments = dict(self.settings.sampler or DEFAULT_SAMPLER)
+        if isinstance(arguments.get("seed"), int):
+            state = np.random.SeedSequence([arguments["seed"], number]).generate_state(1)
+            arguments["seed"] = int(state[0])
+        return quietly(instantiate, arguments)
+
+    def _take_up_lost(self, recover: Callable[[int], list[float] | None]) -> None:
+        """Put trials of workers that are gone back into the queue, or keep their values if they had come to an end."""
+        for trial in self.trials(TrialState.RUNNING):
+            if self._lives(trial.user_attrs.get(WORKER)):
+                continue
+            values = recover(trial.number) if WORKER in trial.user_attrs else None
+            if values is not None:
+                self.study.tell(trial.number, values)
+                continue
+            begun = WORKER in trial.user_attrs
+            params = trial.params if begun else trial.system_attrs.get("fixed_params")
+            if params is not None:
+                self._enqueue(trial, params)
+            self.study._storage.set_trial_user_attr(trial._trial_id, LOST, "its worker was killed")
+            self.study.tell(trial.number, state=TrialState.FAIL)
+
+    def _enqueue(self, trial: FrozenTrial, params: Mapping[str, Any]) -> None:
+        if all(other.user_attrs.get(RETRY_OF) != trial.number for other in self.trials()):
+            self.study.enqueue_trial(dict(params), user_attrs={RETRY_OF: trial.number})
+
+    def _lives(self, worker: str | None) -> bool:
+        if worker is None or worker == self.worker:
+            return worker is not None
+        file = self._workers / worker
+        try:
+            with FileLock(file, timeout=0):
+                pass
+        except Timeout:
+            return True
+        file.unlink(missing_ok=True)
+        return False
+
+    def _check_failures(self) -> None:
+        settings, ended, failed = self.settings, self.ended(), self.failed()
+        last = f"the last with: {failed[-1].user_attrs.get(ERROR)}" if failed else ""
+        remedy = f"mend that and add hydra.sweeper.retry_failed=true (runs/{settings.study}/<trial>/run.log says more)"
+        if len(failed) == len(ended) >= settings.first_failures:
+            raise LabError(f"The study stopped: all of its first {len(failed)} trials failed, {last} - {remedy}.")
+        if len(failed) > settings.max_failure_rate * settings.n_trials:
+            raise LabError(
+                f"The study stopped: {len(failed)} of {len(ended)} trials failed, {last} - more than "
+                f"hydra.sweeper.max_failure_rate={settings.max_failure_rate:g} of {settings.n_trials}; {remedy}."
+            )
+
+    def tell(self, claim: Claim, values: list[float] | None, error: str | None = None) -> None:
+        """Note how a trial ended: with values, with an error, or pruned if there is neither."""
+        if error is not None:
+            claim.trial.set_user_attr(ERROR, error)
+            self.study.tell(claim.trial, state=TrialState.FAIL)
+        elif values is None:
+            self.study.tell(claim.trial, state=TrialState.PRUNED)
+        else:
+            self.study.tell(claim.trial, values)
+
+    def close(self) -> None:
+        """Let other workers see that this one is gone."""
+        self._alive.release()
+        (self._workers / self.worker).unlink(missing_ok=True)
+
+
+def quietly(call: Callable[..., Any], *arguments: Any) -> Any:
+    """What `call` returns, without Optuna's warnings that arguments are experimental."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return call(*arguments)
+
+
+def _check_same(study: str, known: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    for what, ours in now.items():
+        theirs = known[what]
+        for name in sorted({*theirs, *ours}):
+            if theirs.get(name) != ours.get(name):
+                raise InputError(
+                    f"The study '{study}' was begun with another {what} {name}: {theirs.get(name, 'none')} there, "
+                    f"{ours.get(name, 'none')} now; type hydra.sweeper.study=NAME for a new study."
+                )

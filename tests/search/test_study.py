@@ -1,0 +1,99 @@
+"""Studies inside one process: claims, losses and limits."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from optuna.trial import TrialState
+
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.search.settings import SearchSettings
+from pgdl_lab.search.space import parse
+from pgdl_lab.search.storage import open_storage
+from pgdl_lab.search.study import LOST, RETRY_OF, SharedStudy
+
+
+def opened(folder: Path, typed: str = "x=interval(0,1)", config: Any = None, **fields: Any) -> SharedStudy:
+    settings = SearchSettings("s", **{"n_trials": 4, "objectives": ["m"], **fields})
+    return SharedStudy(folder, settings, open_storage(None, folder), parse({}, [typed]), config or {"seed": 0})
+
+
+def nothing(number: int) -> None:
+    return None
+
+
+def test_workers_share_a_study_and_none_gets_more_than_is_left(tmp_path: Path) -> None:
+    one, two = opened(tmp_path), opened(tmp_path, batch=5)
+    (first,) = one.claim(nothing)
+    others = two.claim(nothing)
+    assert [claim.trial.number for claim in others] == [1, 2, 3]
+    assert one.claim(nothing) == []
+    assert not one.complete
+    for claim in others:
+        two.tell(claim, [1.0])
+    one.tell(first, None)
+    assert one.complete and two.complete
+    assert [trial.state.name for trial in one.trials()] == ["PRUNED", "COMPLETE", "COMPLETE", "COMPLETE"]
+    assert len({trial.params["x"] for trial in one.trials()}) == 4  # workers do not draw the same
+
+
+def test_what_a_killed_worker_ran_is_run_again_or_kept_if_it_had_ended(tmp_path: Path) -> None:
+    killed, other = opened(tmp_path, batch=2), opened(tmp_path)
+    lost, ended = killed.claim(nothing)
+    killed._alive.release()  # what the kernel does
+    (again,) = other.claim(lambda number: [5.0] if number == ended.trial.number else None)
+    assert again.trial.user_attrs[RETRY_OF] == lost.trial.number
+    assert again.trial.params == lost.trial.params
+    states = [trial.state for trial in other.trials()]
+    assert states == [TrialState.FAIL, TrialState.COMPLETE, TrialState.RUNNING]
+    assert other.trials()[0].user_attrs[LOST]
+    assert len(other.ended()) == 1
+
+
+def test_a_trial_that_was_never_begun_is_dropped(tmp_path: Path) -> None:
+    study = opened(tmp_path)
+    study.study.ask()  # killed before it was given to a worker
+    (claim,) = study.claim(nothing)
+    assert claim.trial.number == 1
+    assert study.ended() == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "answer"),
+    [
+        ({"typed": "x=interval(0,2)"}, r"another space x: interval\(0,1\) there, interval\(0,2\) now"),
+        ({"typed": "y=interval(0,1)"}, "another space x: .* there, none now"),
+        ({"config": {"seed": 1}}, "another setting seed: 0 there, 1 now"),
+        ({"objectives": ["k"]}, "another objective"),
+    ],
+)
+def test_a_study_goes_on_only_as_it_was_begun(tmp_path: Path, changes: dict, answer: str) -> None:
+    opened(tmp_path)
+    if "objectives" in changes:
+        answer += " k: none there, minimize now"
+    with pytest.raises(InputError, match=answer):
+        opened(tmp_path, **changes)
+    opened(tmp_path, n_trials=9)
+
+
+def test_a_study_stops_when_all_fail_or_too_many(tmp_path: Path) -> None:
+    study = opened(tmp_path, n_trials=10, first_failures=2, max_failure_rate=0.2)
+    for _ in range(2):
+        study.tell(study.claim(nothing)[0], None, "The finger burst.")
+    with pytest.raises(LabError, match=r"all of its first 2 trials failed, the last with: The finger burst\."):
+        study.claim(nothing)
+    mended = opened(tmp_path, n_trials=10, first_failures=2, max_failure_rate=0.2, retry_failed=True)
+    for values in ([1.0], [1.0], None, None):
+        mended.tell(mended.claim(nothing)[0], values, None if values else "Again.")
+    mended.tell(mended.claim(nothing)[0], None, "Again.")
+    with pytest.raises(LabError, match="3 of 5 trials failed, the last with: Again."):
+        mended.claim(nothing)
+
+
+def test_a_sampler_that_has_tried_all_ends_the_study(tmp_path: Path) -> None:
+    sampler = {"_target_": "optuna.samplers.BruteForceSampler", "seed": 0}
+    study = opened(tmp_path, "x=range(0,3)", n_trials=10, sampler=sampler)
+    while claims := study.claim(nothing):
+        study.tell(claims[0], [1.0])
+    assert study.complete
+    assert sorted(trial.params["x"] for trial in study.trials()) == [0, 1, 2]
