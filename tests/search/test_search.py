@@ -196,6 +196,26 @@ def test_a_training_is_pruned_from_inside(lab: Lab, toy: Path) -> None:
     assert told == {("pruned", "KILLED")}
 
 
+def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(lab: Lab, toy: Path) -> None:
+    done = lab("-m", "task=simulate", "fem=toy", "fem.a=0.3,0.5", "fem.kind=points,burst", "finger.wall_mm=3,-3")
+    assert done.returncode == 1
+    assert "6 of the multirun's jobs failed" in done.stderr
+    (folder,) = (path.parent for path in (toy / "runs").glob("*/comparison.csv"))
+    with (folder / "comparison.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    good = [(row["fem.a"], float(row["extremes_mm.fem.z.0"])) for row in rows if not row["error"]]
+    assert [a for a, _ in good] == ["0.3", "0.5"]
+    assert sum("finger.wall_mm is -3.0 mm" in row["error"] for row in rows) == 4
+    client = MlflowClient(f"sqlite:///{toy}/mlflow.db")
+    parent = (folder / "mlflow_run_id").read_text()
+    assert {file.path for file in client.list_artifacts(parent)} == {"comparison.csv", "figures"}
+    found = client.search_runs([client.get_run(parent).info.experiment_id])
+    failed = [run for run in found if run.data.tags.get("mlflow.parentRunId") == parent]
+    assert {run.info.status for run in failed} == {"FAILED"}
+    assert len(failed) == 6
+    assert {run.data.params["finger.wall_mm"] for run in failed if "wall_mm" in run.data.tags["error"]} == {"-3"}
+
+
 def postgres() -> Path | None:
     """Folder of PostgreSQL's programs, which Debian keeps off the path."""
     found = shutil.which("initdb") or next(map(str, Path("/usr/lib/postgresql").glob("*/bin/initdb")), None)
