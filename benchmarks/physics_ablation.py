@@ -190,8 +190,8 @@ def main() -> None:
     """Train what is missing, print and draw."""
     deadline = time.monotonic() + (float(sys.argv[1]) if len(sys.argv) > 1 else math.inf)
     registry.discover()
-    finger, solid = registry.plugin("finger", "pneunet")(), registry.plugin("fem", "solid")(estimate_error=False)
-    snapshots, _, _ = cache.simulate(finger, solid, Observation(points=1600), paths.RUNS / "snapshots")
+    finger, solid = registry.plugin("finger", "pneunet")(), registry.plugin("fem", "solid")()
+    snapshots, _, _ = cache.simulate(finger, solid, Observation(), paths.RUNS / "snapshots")
     scene = Scene.of(finger, snapshots)
     some = np.arange(9, 88, 10)
     floors = residuals(
