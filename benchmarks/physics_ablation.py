@@ -1,11 +1,12 @@
 """What physics in the loss is worth: each term at several weights against data alone, on both splits and on few points.
 
-    python benchmarks/physics_ablation.py [seconds]
+    python benchmarks/physics_ablation.py [seconds [seed ...]]
 
 Trains `model=body` (64 modes, 2 × 64, degree 5) for the same number of steps whatever the loss; a term costs time on
 top. A weight is given as the error that it is worth: at `r` mm the term counts on the simulated displacement itself, on
-its floor, as much as data that err by r mm RMS. Results are appended to runs/physics_ablation.jsonl, where a later call
-goes on, for at most `seconds` (default: until all are done); then the table is printed and the figure drawn.
+its floor, as much as data that err by r mm RMS. Results are appended to runs/physics_ablation.jsonl, where a
+later call goes on, for at most `seconds` (default: until all are done) and with some of the seeds (default: all); then
+the table is printed and the figure drawn.
 """
 
 import itertools
@@ -14,7 +15,7 @@ import math
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -58,9 +59,9 @@ class Case:
     worth_mm: float
 
 
-def cases() -> Iterator[Case]:
+def cases(seeds: Iterable[int]) -> Iterator[Case]:
     """All trainings, seed by seed, so that a broken-off series has as many of each."""
-    for seed, split, share in itertools.product(SEEDS, SPLITS, SHARES):
+    for seed, split, share in itertools.product(seeds, SPLITS, SHARES):
         yield Case(seed, split, share, "none", 0.0)
         yield from (Case(seed, split, share, term, worth) for term in TERMS for worth in WORTHS_MM)
 
@@ -157,6 +158,7 @@ def draw(results: list[dict[str, Any]]) -> None:
     """The ratios as a figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     figure = Figure(figsize=(13, 10), layout="constrained")
     FigureCanvasAgg(figure)
@@ -177,7 +179,10 @@ def draw(results: list[dict[str, Any]]) -> None:
         ax.axhline(1, color="0.4", lw=1)
         for place in range(len(WORTHS_MM), len(places), len(WORTHS_MM)):
             ax.axvline(place - 0.5, color="0.85", lw=1)
-        ax.set(yscale="log", title=title, ylabel="RMS error by that\nof data alone")
+        ax.set(yscale="log", title=title, ylabel="RMS error by that\nof data alone", xlim=(-0.5, len(places) - 0.5))
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_formatter(NullFormatter())
+        ax.grid(axis="y", which="both", color="0.92")
         ax.legend(loc="upper left", fontsize=8)
     axes[-1].set_xticks(range(len(places)), [f"{term}\n{worth:g} mm" for term, worth in places], fontsize=8)
     axes[-1].set_xlabel("term and its weight, as the error that it is worth on the simulated displacement")
@@ -202,7 +207,7 @@ def main() -> None:
     results = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {Case(**{key: row[key] for key in Case.__dataclass_fields__}) for row in results}
     with path.open("a") as file:
-        for case in cases():
+        for case in cases([int(seed) for seed in sys.argv[2:]] or SEEDS):
             if case in done:
                 continue
             if time.monotonic() > deadline:
@@ -210,6 +215,7 @@ def main() -> None:
             results.append(train(case, snapshots, scene, floor))
             file.write(json.dumps(results[-1]) + "\n")
             file.flush()
+    results = [json.loads(line) for line in path.read_text().splitlines()]  # with those of calls beside this one
     shown = Table(title="Terms of whole fields, unweighted, mean over 5 … 40 kPa")
     for heading in ("term", "simulated displacement (floor)", "no displacement"):
         shown.add_column(heading, justify="right")

@@ -6,6 +6,7 @@ from omegaconf import OmegaConf
 from pgdl_lab import experiment, registry
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.paths import CONF
 from tests.conftest import composed
 
 TYPED = [
@@ -95,3 +96,8 @@ def test_the_papers_settings(name: str) -> None:
     assert (paper.optimizer.name, paper.optimizer.lr, paper.optimizer.batch_size) == ("adam", 1e-3, 512)
     assert (paper.optimizer.schedule, paper.trainer.max_epochs) == ("constant", 100_000)
     assert (paper.observation.snapshots, paper.observation.points) == (100, 4439)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (CONF / "experiment").glob("*.yaml")))
+def test_every_stored_experiment_can_be_made(name: str) -> None:
+    assert experiment.Experiment.from_config(composed(f"experiment={name}")).loss

@@ -86,28 +86,29 @@ class _Activation(torch.autograd.Function):
         out[0] = value
         if len(rows) == ROWS[2]:
             bent = second * rows[X : Z + 1]
-            out[XX : ZZ + 1].addcmul_(bent, rows[X : Z + 1])
-            out[XZ].addcmul_(bent[0], rows[Z])
+            out[XX : ZZ + 1] += bent * rows[X : Z + 1]
+            out[XZ] += bent[0] * rows[Z]
         return out, first, second, third
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, ...]) -> None:
         ctx.save_for_backward(inputs[0], *output[1:])
         ctx.mark_non_differentiable(*output[1:])
+        ctx.set_materialize_grads(False)
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, Tensor, None]:
         rows, first, second, third = ctx.saved_tensors
         g = grads[0]
         given = first * g
-        given[0].addcmul_(second, (g[1:] * rows[1:]).sum(dim=0))
+        given[0] += second * (g[1:] * rows[1:]).sum(dim=0)
         if len(rows) == ROWS[2]:
             x, z = rows[X], rows[Z]
             along_x = 2 * x * g[XX] + z * g[XZ]
             along_z = 2 * z * g[ZZ] + x * g[XZ]
-            given[X].addcmul_(second, along_x)
-            given[Z].addcmul_(second, along_z)
-            given[0].addcmul_(third, x * along_x + z * along_z, value=0.5)
+            given[X] += second * along_x
+            given[Z] += second * along_z
+            given[0] += third * (x * along_x + z * along_z) / 2
         return given, given[0].sum(dim=0), None
 
 

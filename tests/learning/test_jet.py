@@ -65,6 +65,43 @@ def test_activation_agrees_with_the_fallback(activation: type[nn.Module]) -> Non
     assert torch.allclose(propagate(activation(), rows), nested(activation(), rows), atol=TOLERANCE, rtol=TOLERANCE)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_gradients_by_hand_agree_with_the_fallback(activation: str, order: int) -> None:
+    """What a loss on all derivatives sends back to the weights, with and without the derivative by hand."""
+    torch.manual_seed(4)
+    layers = fully_connected(3, 2, depth=2, width=8, activation=activation).double()
+    rows, weights = plane(torch.randn(9, 2, dtype=torch.double), order), list(layers.parameters())
+    factors = torch.randn(ROWS[order], 9, 2, dtype=torch.double)
+
+    def gradients(outputs: Tensor) -> list[Tensor]:
+        return list(torch.autograd.grad((factors * outputs.square()).sum(), weights))
+
+    for ours, theirs in zip(gradients(propagate(layers, rows)), gradients(nested(layers, rows)), strict=True):
+        assert torch.allclose(ours, theirs, atol=TOLERANCE, rtol=TOLERANCE)
+
+
+def test_jacobians_by_weights_can_be_taken_of_all_rows_at_once() -> None:
+    torch.manual_seed(5)
+    layers = fully_connected(3, 2, depth=2, width=4, activation="tanh").double()
+    rows, weights = plane(torch.randn(3, 2, dtype=torch.double), 2), dict(layers.named_parameters())
+
+    class Carry(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.layers = layers
+
+        def forward(self, rows: Tensor) -> Tensor:
+            return propagate(self.layers, rows)
+
+    def outputs(weights: dict[str, Tensor]) -> Tensor:
+        return torch.func.functional_call(Carry(), {f"layers.{k}": v for k, v in weights.items()}, (rows,))
+
+    jacobian = torch.func.jacrev(outputs)(weights)
+    (last,) = torch.autograd.grad(propagate(layers, rows)[5, 2, 1], weights["0.weight"])
+    assert torch.allclose(jacobian["0.weight"][5, 2, 1], last, atol=TOLERANCE, rtol=TOLERANCE)
+
+
 class Mixing(nn.Module):
     """A layer that no table knows: it mixes channels and bends them."""
 
