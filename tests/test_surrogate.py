@@ -17,6 +17,7 @@ MODELS = {
     "body": {"depth": 1, "width": 8, "modes": 16},
     "finite_element": {"degree": 3},
     "pod": {"degree": 3, "rounds": 1, "draws": 8},
+    "hybrid": {"degree": 3, "inputs": 2, "rounds": 1, "folds": 2, "width": 4},
 }
 
 

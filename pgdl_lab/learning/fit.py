@@ -16,17 +16,16 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.learning.callbacks import Checkpoint, ProgressBar
 from pgdl_lab.learning.data import Training
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
-from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.threads import threads
 from pgdl_lab.registry import describe
-from pgdl_lab.surrogate import Record, read_safely
+from pgdl_lab.surrogate import Record, Surrogate, read_safely
 
 if TYPE_CHECKING:
-    from pgdl_lab.learning.neural import NeuralModel
+    from pgdl_lab.learning.neural import TrainedModel
 
 
-def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
+def fit(model: TrainedModel, training: Training) -> Surrogate:
     """Train `model`, resuming from `<folder>/checkpoints/last.ckpt` if it lies there.
 
     Raises
@@ -38,17 +37,17 @@ def fit(model: NeuralModel, training: Training) -> NeuralSurrogate:
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(training.seed)
-        field = model.new_field(training)
-    objective = Objective(field, training.losses, training.samples, training.scene, training.balancing)
-    module = TrainingModule(objective, training.trainer, training.optimizer, training.seed)
+        field, samples = model.begin(training)
+    objective = Objective(field, training.losses, samples, training.scene, training.balancing)
+    module = TrainingModule(objective, training.trainer, training.optimizer, training.seed, model.patience)
     identity = _identity(model, training)
     path = training.folder / "checkpoints" / "last.ckpt"
     path.parent.mkdir(parents=True, exist_ok=True)
     checkpoint = _checkpoint(path, identity)
 
-    def surrogate() -> NeuralSurrogate:
+    def surrogate() -> Surrogate:
         record = Record(training.samples.ranges(), dict(training.provenance), module.history)
-        return NeuralSurrogate(model, record, field)
+        return model.finished(field, record)
 
     if checkpoint is not None and _finished(checkpoint, training):
         module.load_state_dict(checkpoint["state_dict"])
@@ -85,7 +84,7 @@ def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
     )
 
 
-def _identity(model: NeuralModel, training: Training) -> dict[str, Any]:
+def _identity(model: TrainedModel, training: Training) -> dict[str, Any]:
     """What a training must agree on with a checkpoint that it resumes from; budgets may differ."""
     samples = training.samples
     data = hashlib.sha256()
@@ -94,8 +93,9 @@ def _identity(model: NeuralModel, training: Training) -> dict[str, Any]:
     return {
         "model": describe(model),
         "loss": {name: describe(loss) for name, loss in training.losses.items()},
-        "optimizer": vars(training.optimizer).copy(),
+        "optimizer": {**vars(training.optimizer), "name": training.optimizer.stages},
         "balancing": {} if training.balancing.rule == "fixed" else vars(training.balancing).copy(),
+        "validation": training.trainer.validation,
         "seed": training.seed,
         "data": data.hexdigest()[:12],
     }
@@ -136,4 +136,6 @@ def _flat(tree: Any, prefix: str = "") -> dict[str, Any]:
 
 def _finished(checkpoint: dict[str, Any], training: Training) -> bool:
     budget = training.trainer
+    if checkpoint["stopped"]:
+        return True
     return checkpoint["elapsed_s"] >= budget.max_seconds or checkpoint["epoch"] + 1 >= budget.max_epochs

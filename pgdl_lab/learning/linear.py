@@ -43,13 +43,9 @@ class LinearModel(Model):
         """What the surrogate's state holds beside the body, see `NodalSurrogate`."""
 
     def fit(self, training: Training) -> NodalSurrogate:
-        import numpy as np
-        import torch
         from threadpoolctl import threadpool_limits
 
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
-        from pgdl_lab.learning.separable import SeparableRegression
-        from pgdl_lab.learning.triangulation import Triangulation
         from pgdl_lab.surrogate import Record
 
         residuals = [name for name, loss in training.losses.items() if loss.order > 0]
@@ -58,21 +54,31 @@ class LinearModel(Model):
                 f"A linear model is fitted to data alone and cannot take in loss {', '.join(residuals)}; "
                 "leave it out or choose a neural model."
             )
-        scene, samples = training.scene, training.samples
-        body = Triangulation(scene.points_mm, scene.triangles)
-        range_kpa = np.array([0.0, samples.pressures_kpa.max()])
-        regression = SeparableRegression(body, scene.clamp, samples, range_kpa, self.degree)
+        regression, body = regression_of(training, self.degree)
         with threadpool_limits(training.trainer.threads), closing(regression):
             learnt = self.learn(regression, training)
-        state = {
-            "points_mm": torch.from_numpy(scene.points_mm),
-            "triangles": torch.from_numpy(scene.triangles),
-            "range_kpa": torch.from_numpy(range_kpa),
-            **learnt,
-        }
-        return NodalSurrogate(self, Record(samples.ranges(), dict(training.provenance)), state)
+        record = Record(training.samples.ranges(), dict(training.provenance))
+        return NodalSurrogate(self, record, {**body, **learnt})
 
     def restore(self, state: Mapping[str, Tensor], record: Record) -> NodalSurrogate:
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
 
         return NodalSurrogate(self, record, state)
+
+
+def regression_of(training: Training, degree: int) -> tuple[SeparableRegression, dict[str, Tensor]]:
+    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body."""
+    import numpy as np
+    import torch
+
+    from pgdl_lab.learning.separable import SeparableRegression
+    from pgdl_lab.learning.triangulation import Triangulation
+
+    scene, samples = training.scene, training.samples
+    range_kpa = np.array([0.0, samples.pressures_kpa.max()])
+    body = Triangulation(scene.points_mm, scene.triangles)
+    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree), {
+        "points_mm": torch.from_numpy(scene.points_mm),
+        "triangles": torch.from_numpy(scene.triangles),
+        "range_kpa": torch.from_numpy(range_kpa),
+    }

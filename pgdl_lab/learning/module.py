@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from typing import Any
@@ -13,8 +14,10 @@ from torch import Tensor
 from pgdl_lab.errors import LabError
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.learning.stages import Stage, stages
 
-OPTIMIZERS = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW, "nadam": torch.optim.NAdam}
+_log = logging.getLogger(__name__)
+
 SLACK = 0.05  # share of the time budget by which a training may lag behind its epochs before its schedule is shortened
 
 
@@ -33,8 +36,9 @@ class TrainingDiverged(LabError):
 class TrainingModule(pl.LightningModule):
     """Trains the field of an objective on batches that are slices of shuffled training points.
 
-    Every random choice of an epoch follows from the seed and the epoch's number, so that a resumed training goes on as
-    if it had never stopped.
+    A part of the training points is set aside for validation, and the state of the field that errs least on them is
+    kept, that before the first step included. Every random choice of an epoch follows from the seed and the epoch's
+    number, so that a resumed training goes on as if it had never stopped.
 
     Parameters
     ----------
@@ -44,29 +48,49 @@ class TrainingModule(pl.LightningModule):
         Budget and rule.
     seed
         Fixes batches and drawn points.
+    patience
+        Epochs without a better state, after which the training ends; None: it never ends before its budget.
     """
 
     def __init__(
-        self, objective: Objective, trainer_settings: TrainerSettings, optimizer_settings: OptimizerSettings, seed: int
+        self,
+        objective: Objective,
+        trainer_settings: TrainerSettings,
+        optimizer_settings: OptimizerSettings,
+        seed: int,
+        patience: int | None = None,
     ) -> None:
         super().__init__()
+        self.automatic_optimization = False  # one training may go through several optimisers
         self.objective = objective
         self.budget = trainer_settings
         self.rule = optimizer_settings
         self.seed = seed
+        self.patience = patience
         self.history: list[dict[str, float]] = []
         self.elapsed_s = 0.0
+        self.stopped = ""  # why the training ended before its budget
         self.generator = torch.Generator()
         self.last_good = self._weights()
+        self.best: dict[str, Any] = {}
+        count = len(objective.pressures)
+        order = torch.randperm(count, generator=torch.Generator().manual_seed(seed))
+        self._held, self._training = torch.split(
+            order, [held := int(trainer_settings.validation * count), count - held]
+        )
+        self._stages: list[Stage] = stages(objective, optimizer_settings)
+        self._stage, self._stage_began = 0, 0.0
         self._order = torch.empty(0, dtype=torch.long)
         self._batch = self._order
         self._sums: dict[str, Tensor] = {}
+        self._steps = 0
+        self._batches = 0
         self._started_s = 0.0
 
     @property
     def samples(self) -> int:
-        """Number of training points."""
-        return len(self.objective.pressures)
+        """Number of training points, without those that are set aside."""
+        return len(self._training)
 
     @property
     def steps_per_epoch(self) -> int:
@@ -81,45 +105,95 @@ class TrainingModule(pl.LightningModule):
     @property
     def progress(self) -> float:
         """Share of the budget that is spent, by epochs or by time, whichever is further."""
-        by_epochs = self.global_step / (self.steps_per_epoch * self.budget.max_epochs)
+        by_epochs = self._batches / (self.steps_per_epoch * self.budget.max_epochs)
         by_time = (self.seconds / self.budget.max_seconds - SLACK) / (1 - SLACK)
         return min(max(by_epochs, by_time), 1.0)
 
-    def configure_optimizers(self) -> torch.optim.Optimizer:
-        optimizer: torch.optim.Optimizer = OPTIMIZERS[self.rule.name](
-            self.objective.field.parameters(), lr=self.rule.lr, weight_decay=self.rule.weight_decay
-        )
-        return optimizer
+    @property
+    def stage_progress(self) -> float:
+        """Share of the present optimiser's budget that is spent; those still to come share the rest equally."""
+        length = (1 - self._stage_began) / (len(self._stages) - self._stage)
+        return min((self.progress - self._stage_began) / length, 1.0) if length else 1.0
+
+    def configure_optimizers(self) -> list[torch.optim.Optimizer]:
+        return [optimizer for stage in self._stages for optimizer in stage.optimizers]
 
     def on_train_start(self) -> None:
         self._started_s = time.monotonic()
+        self._held, self._training = self._held.to(self.device), self._training.to(self.device)
+        if not self.best:
+            self._keep_best()
 
     def on_train_epoch_start(self) -> None:
-        self.generator.manual_seed((self.seed * 1_000_003 + self.current_epoch) % 2**63)
-        self._order = torch.randperm(self.samples, generator=self.generator).to(self.device)
-        self._sums = {}
+        if self.stage_progress >= 1 and self._stage + 1 < len(self._stages):
+            self._next_stage("its share of the budget is spent")
+        self._reseed()
+        self._order = self._training[torch.randperm(self.samples, generator=self.generator).to(self.device)]
+        self._sums, self._steps = {}, 0
+
+    def _reseed(self) -> None:
+        """Draw from here on what follows from the seed and the epoch; full batches draw alike in all epochs."""
+        epoch = 0 if self._stages[self._stage].full_batch else self.current_epoch
+        self.generator.manual_seed((self.seed * 1_000_003 + epoch) % 2**63)
 
     def on_train_batch_start(self, batch: int, batch_idx: int) -> None:
+        self._batches = self.current_epoch * self.steps_per_epoch + batch_idx
         if self.rule.schedule == "cosine":
-            factor = (1 + math.cos(math.pi * self.progress)) / 2
-            for group in self.trainer.optimizers[0].param_groups:
-                group["lr"] = self.rule.lr * factor
+            self._stages[self._stage].scale_rate(self.rule.lr * (1 + math.cos(math.pi * self.stage_progress)) / 2)
 
-    def training_step(self, batch: int, batch_idx: int) -> Tensor:
-        """Total loss of the `batch`-th slice of this epoch's order."""
-        self._batch = self._order[batch * self.rule.batch_size : (batch + 1) * self.rule.batch_size]
-        terms = self.objective.terms(self._batch, self.generator)
-        for name, value in terms.items():
-            self._sums[name] = self._sums.get(name, torch.zeros_like(value)) + value.detach()
-        if self.objective.balancer.due(self.global_step):
-            self.objective.balance(terms, self.generator)
-        total = self.objective.total(terms)
+    def training_step(self, batch: int, batch_idx: int) -> None:
+        """Step on the `batch`-th slice of this epoch's order; full batches are taken once per epoch."""
+        stage = self._stages[self._stage]
+        if stage.full_batch and batch:
+            return
+        size = self.samples if stage.full_batch else self.rule.batch_size
+        self._batch = self._order[batch * size : (batch + 1) * size]
+        first = True
+
+        def closure() -> Tensor:
+            nonlocal first
+            if stage.full_batch:
+                self._reseed()
+            terms = self.objective.terms(self._batch, self.generator)
+            if first:
+                for name, value in terms.items():
+                    self._sums[name] = self._sums.get(name, torch.zeros_like(value)) + value.detach()
+                self._steps += 1
+                # curvature that is remembered or trial steps that are compared belong to one objective
+                if not stage.full_batch and self.objective.balancer.due(self._batches):
+                    self.objective.balance(terms, self.generator)
+            total = self.objective.total(terms)
+            if first:
+                self._check(terms, total)
+                first = False
+            for weight in self.objective.field.parameters():
+                weight.grad = None
+            torch.autograd.backward(total)
+            return total.detach()
+
+        reason = stage.step(closure)
+        if reason is not None:
+            self._next_stage(reason)
+
+    def _check(self, terms: dict[str, Tensor], total: Tensor) -> None:
         if not torch.isfinite(total):
             broken = [name for name, value in terms.items() if not torch.isfinite(value)]
             self._diverged(f"loss {' and '.join(broken) or 'total'} is no longer finite")
-        return total
+
+    def _next_stage(self, reason: str) -> None:
+        name = self.rule.stages[self._stage]
+        _log.info("Optimizer %s ends after epoch %d: %s.", name, self.current_epoch + 1, reason)
+        if self._stage + 1 < len(self._stages):
+            self._stage, self._stage_began = self._stage + 1, self.progress
+        else:
+            self._stop(reason)
+
+    def _stop(self, reason: str) -> None:
+        self.stopped = reason
+        self.trainer.should_stop = True
 
     def on_train_batch_end(self, outputs: Any, batch: int, batch_idx: int) -> None:
+        self._batches += 1
         if self.seconds >= self.budget.max_seconds:
             self.trainer.should_stop = True
 
@@ -127,14 +201,44 @@ class TrainingModule(pl.LightningModule):
         if not all(torch.isfinite(weight).all() for weight in self.objective.field.parameters()):
             self._diverged("a weight is no longer finite")
         self.last_good = self._weights()
+        self._keep_best()
+        waited = self.current_epoch + 1 - self.best.get("epoch", 0)
+        if self.best and self.patience is not None and waited >= self.patience and not self.stopped:
+            self._stop(f"no better state in {waited} epochs")
         last = self.trainer.should_stop or self.current_epoch + 1 >= self.budget.max_epochs
         if last or not self.history or self.seconds - self.history[-1]["seconds"] >= self.budget.log_every_s:
             self._record()
+        if last:
+            self._restore_best()
+
+    @torch.no_grad()
+    def _validation(self) -> float:
+        """Mean squared error of both components over the points that are set aside [mm²]."""
+        objective = self.objective
+        predicted = objective.field(objective.inputs[:1, self._held], objective.pressures[self._held])
+        return float((predicted - objective.targets[self._held]).square().sum(dim=1).mean())
+
+    def _keep_best(self) -> None:
+        if not len(self._held):
+            return
+        mse = self._validation()
+        if not self.best:
+            self.best = {"mse": mse, "start": mse, "epoch": 0, "weights": self._weights()}
+        elif mse < self.best["mse"]:
+            self.best |= {"mse": mse, "epoch": self.current_epoch + 1, "weights": self._weights()}
+
+    def _restore_best(self) -> None:
+        if self.best:
+            self.objective.field.load_state_dict(self.best["weights"], strict=False)
+            _log.info(
+                "Kept the state of epoch %d: mean squared error %.3g mm² on the points that were set aside, against "
+                "%.3g mm² before training.",
+                *(self.best[key] for key in ("epoch", "mse", "start")),
+            )
 
     def means(self) -> dict[str, float]:
         """Mean of each loss term over the batches of this epoch."""
-        steps = self.trainer.fit_loop.epoch_loop.batch_progress.current.completed
-        return {name: float(total) / max(steps, 1) for name, total in self._sums.items()}
+        return {name: float(total) / max(self._steps, 1) for name, total in self._sums.items()}
 
     def _record(self) -> None:
         """Add an entry to the loss history: mean terms of this epoch, gradient shares on its last batch."""
@@ -143,7 +247,7 @@ class TrainingModule(pl.LightningModule):
         entry = {
             "epoch": float(self.current_epoch + 1),
             "seconds": self.seconds,
-            "lr": float(self.trainer.optimizers[0].param_groups[0]["lr"]),
+            "lr": float(self._stages[self._stage].optimizers[0].param_groups[0].get("lr", math.nan)),
         }
         for name, raw in self.means().items():
             entry |= {
@@ -153,6 +257,8 @@ class TrainingModule(pl.LightningModule):
                 f"share/{name}": shares[name],
             }
         entry["loss"] = sum(value for key, value in entry.items() if key.startswith("weighted/"))
+        if self.best:
+            entry["validation"] = self._validation()
         self.history.append(entry)
         if self.logger is not None:
             metrics = {key: value for key, value in entry.items() if key != "epoch"}
@@ -175,9 +281,15 @@ class TrainingModule(pl.LightningModule):
         checkpoint["elapsed_s"] = self.seconds
         checkpoint["history"] = self.history
         checkpoint["balance"] = self.objective.balancer.state()
+        checkpoint["best"] = self.best
+        checkpoint["stopped"] = self.stopped
+        checkpoint["stage"] = self._stage, self._stage_began
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         self.elapsed_s = checkpoint["elapsed_s"]
         self.history = list(checkpoint["history"])
         if "balance" in checkpoint:  # checkpoints of earlier versions have none
             self.objective.balancer.restore(checkpoint["balance"])
+        self.best = checkpoint["best"]
+        self.stopped = checkpoint["stopped"]
+        self._stage, self._stage_began = checkpoint["stage"]

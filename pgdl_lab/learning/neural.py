@@ -1,11 +1,11 @@
-"""Models whose surrogate is a field with trainable weights."""
+"""Models in which a network is trained."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.model import Model
@@ -13,7 +13,7 @@ from pgdl_lab.model import Model
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.field import Field
     from pgdl_lab.surrogate import Record, Surrogate
 
@@ -22,8 +22,8 @@ DTYPES = ("float32", "float64")
 
 
 @dataclass(frozen=True)
-class NeuralModel(Model):
-    """A fully connected network and what surrounds it.
+class TrainedModel(Model):
+    """A model in which a fully connected network is trained.
 
     Attributes
     ----------
@@ -35,12 +35,15 @@ class NeuralModel(Model):
         "relu", "tanh", "silu", "gelu", "softplus" or "sin".
     dtype
         "float32" or "float64".
+    patience
+        Epochs without a better state on the points set aside, after which training ends; null: at its budget's end.
     """
 
     depth: int = 4
     width: int = 128
     activation: str = "silu"
     dtype: str = "float32"
+    patience: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("depth", "width"):
@@ -50,6 +53,35 @@ class NeuralModel(Model):
             if getattr(self, name) not in known:
                 raise InputError(f"model.{name} is '{getattr(self, name)}'; choose one of {', '.join(known)}.")
 
+        if self.patience is not None and self.patience < 1:
+            raise InputError(f"model.patience is {self.patience}; it must be at least 1, or null.")
+
+    @abstractmethod
+    def begin(self, training: Training) -> tuple[Field, Samples]:
+        """A field with initial weights and the points that it is trained on."""
+
+    @abstractmethod
+    def finished(self, field: Any, record: Record) -> Surrogate:
+        """The surrogate of a trained field."""
+
+    def fit(self, training: Training) -> Surrogate:
+        from pgdl_lab.learning.fit import fit  # torch and Lightning are imported only when they are needed
+
+        return fit(self, training)
+
+
+@dataclass(frozen=True)
+class NeuralModel(TrainedModel):
+    """A model whose surrogate is the trained field itself."""
+
+    def begin(self, training: Training) -> tuple[Field, Samples]:
+        return self.new_field(training), training.samples
+
+    def finished(self, field: Field, record: Record) -> Surrogate:
+        from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
+
+        return NeuralSurrogate(self, record, field)
+
     @abstractmethod
     def new_field(self, training: Training) -> Field:
         """A field with initial weights."""
@@ -58,14 +90,7 @@ class NeuralModel(Model):
     def stored_field(self, state: Mapping[str, Tensor]) -> Field:
         """A field of the shape that `state` has; its weights are overwritten afterwards."""
 
-    def fit(self, training: Training) -> Surrogate:
-        from pgdl_lab.learning.fit import fit  # torch and Lightning are imported only when they are needed
-
-        return fit(self, training)
-
     def restore(self, state: Mapping[str, Tensor], record: Record) -> Surrogate:
-        from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
-
         field = self.stored_field(state)
         field.load_state_dict(state)
-        return NeuralSurrogate(self, record, field)
+        return self.finished(field, record)

@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from pgdl_lab.errors import InputError
 
 ACCELERATORS = ("auto", "cpu", "gpu")
-OPTIMIZERS = ("adam", "adamw", "nadam")
+FIRST_ORDER = ("adam", "adamw", "nadam", "muon")
+FULL_BATCH = ("lbfgs", "levenberg_marquardt")
+OPTIMIZERS = FIRST_ORDER + FULL_BATCH
 SCHEDULES = ("constant", "cosine")
 
 
@@ -25,6 +28,9 @@ class TrainerSettings:
         Epoch budget; one epoch is one pass over the training points.
     accelerator
         "auto" (a GPU where there is one), "cpu" or "gpu".
+    validation
+        Share of the training points that is set aside: the state that errs least on them is kept, that before the
+        first step included. 0 keeps the last state.
     threads
         CPU threads of the training. More than one hardly speeds up a small network, and on a busy machine threads
         that wait for each other slow it down many times over.
@@ -39,6 +45,7 @@ class TrainerSettings:
     max_time: str = "00:01:40"
     max_epochs: int = 250
     accelerator: str = "auto"
+    validation: float = 0.1
     threads: int = 1
     checkpoint_every_s: float = 20.0
     log_every_s: float = 1.0
@@ -47,6 +54,8 @@ class TrainerSettings:
     def __post_init__(self) -> None:
         if self.max_epochs < 1:
             raise InputError(f"trainer.max_epochs is {self.max_epochs}; it must be at least 1.")
+        if not 0 <= self.validation < 1:
+            raise InputError(f"trainer.validation is {self.validation}; it must be a share from 0 to below 1.")
         if self.threads < 1:
             raise InputError(f"trainer.threads is {self.threads}; it must be at least 1.")
         if self.accelerator not in ACCELERATORS:
@@ -76,26 +85,31 @@ class OptimizerSettings:
     Attributes
     ----------
     name
-        "adam", "adamw" or "nadam".
+        "adam", "adamw", "nadam", "muon" (matrices by Muon, the rest by AdamW), "lbfgs" or "levenberg_marquardt"; or
+        several of them as a list, such as [adam, lbfgs], which share the budget equally, one after the other. The last
+        two take all training points at once, one iteration per epoch, in float64; they may end before their share does.
     lr
-        Learning rate at the start.
+        Learning rate at the start; has no effect on methods that take all points at once.
     batch_size
-        Training points per step.
+        Training points per step, likewise.
     schedule
-        "constant" or "cosine" (from `lr` to 0 over the budget).
+        "constant" or "cosine" (from `lr` to 0 over the share of the budget), likewise.
     weight_decay
-        Weight decay of the optimiser.
+        Weight decay of the optimiser, likewise.
     """
 
-    name: str = "adam"
+    name: Any = "adam"
     lr: float = 4e-3
     batch_size: int = 512
     schedule: str = "cosine"
     weight_decay: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.name not in OPTIMIZERS:
-            raise InputError(f"optimizer.name is '{self.name}'; choose one of {', '.join(OPTIMIZERS)}.")
+        for name in self.stages or [""]:
+            if name not in OPTIMIZERS:
+                raise InputError(
+                    f"optimizer.name is '{name}'; choose one of {', '.join(OPTIMIZERS)}, or a list of them."
+                )
         if self.schedule not in SCHEDULES:
             raise InputError(f"optimizer.schedule is '{self.schedule}'; choose one of {', '.join(SCHEDULES)}.")
         if not 0 < self.lr < math.inf:
@@ -104,3 +118,8 @@ class OptimizerSettings:
             raise InputError(f"optimizer.batch_size is {self.batch_size}; it must be at least 1.")
         if not self.weight_decay >= 0:
             raise InputError(f"optimizer.weight_decay is {self.weight_decay}; it must not be negative.")
+
+    @property
+    def stages(self) -> list[str]:
+        """The optimisers in their order."""
+        return [self.name] if isinstance(self.name, str) else list(self.name)

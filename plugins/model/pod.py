@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from pgdl_lab.learning.data import Training
     from pgdl_lab.learning.separable import SeparableRegression
 
-LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
-
 
 @register("model", "pod")
 @dataclass(frozen=True)
@@ -51,23 +49,7 @@ class Pod(LinearModel):
 
     def learn(self, regression: SeparableRegression, training: Training) -> Mapping[str, Tensor]:
         import numpy as np
-        import torch
 
-        from pgdl_lab.learning.calibration import bar_deviations
+        from pgdl_lab.learning.pod import decompose
 
-        rng = np.random.default_rng(training.seed)
-        prior = regression.first_prior()
-        for _ in range(self.rounds):
-            prior = regression.learnt(regression.posterior(prior, LEARNING_DRAWS, rng))
-        posterior = regression.posterior(prior, self.draws, rng)
-        bar_kpa, deviations = bar_deviations(regression, prior, LEARNING_DRAWS, rng)
-        # with draws = Q R, the covariance is Rᵀ R
-        _, spread = np.linalg.qr(posterior.draws.transpose(0, 2, 1) / np.sqrt(self.draws))
-        return {
-            "modes": torch.from_numpy(posterior.modes.copy()),
-            "amplitudes": torch.from_numpy(prior.amplitudes.copy()),
-            "spread": torch.from_numpy(spread.transpose(0, 2, 1).astype(np.float32)),
-            "noise_mm": torch.tensor(prior.noise_mm),
-            "bar_kpa": torch.from_numpy(bar_kpa),
-            "bar_deviations": torch.from_numpy(deviations),
-        }
+        return decompose(regression, self.rounds, self.draws, np.random.default_rng(training.seed))[1]

@@ -12,7 +12,7 @@ def test_time_is_read(text: str, seconds: float) -> None:
 @pytest.mark.parametrize(
     "fields",
     [{"max_time": text} for text in ("", "soon", "0", "1:2:3:4", "inf", "nan", "-5")]
-    + [{"max_epochs": 0}, {"threads": 0}, {"accelerator": "tpu"}, {"checkpoint_every_s": -1.0}],
+    + [{"max_epochs": 0}, {"threads": 0}, {"validation": 1.0}, {"accelerator": "tpu"}, {"checkpoint_every_s": -1.0}],
 )
 def test_trainer_refuses_nonsense(fields: dict[str, object]) -> None:
     with pytest.raises(InputError):
@@ -21,8 +21,22 @@ def test_trainer_refuses_nonsense(fields: dict[str, object]) -> None:
 
 @pytest.mark.parametrize(
     "fields",
-    [{"name": "sgdd"}, {"lr": 0.0}, {"lr": float("nan")}, {"batch_size": 0}, {"schedule": "x"}, {"weight_decay": -1.0}],
+    [
+        {"name": "sgdd"},
+        {"name": []},
+        {"lr": 0.0},
+        {"lr": float("nan")},
+        {"batch_size": 0},
+        {"schedule": "x"},
+        {"weight_decay": -1.0},
+    ],
 )
 def test_optimizer_refuses_nonsense(fields: dict[str, object]) -> None:
     with pytest.raises(InputError):
         OptimizerSettings(**fields)  # type: ignore[arg-type]
+
+
+def test_several_optimisers_are_a_list() -> None:
+    assert OptimizerSettings(name=["adam", "lbfgs"]).stages == ["adam", "lbfgs"]
+    with pytest.raises(InputError, match="optimizer.name is 'adm'; choose one of adam, adamw, nadam, muon, lbfgs, lev"):
+        OptimizerSettings(name=["adm", "lbfgs"])

@@ -1,0 +1,254 @@
+"""Every model on every finger and split: errors, training time, latency and failures in one table and one figure.
+
+    python benchmarks/comparison.py                      # all of it: hours on two cores
+    python benchmarks/comparison.py --quick              # one seed, pneunet, short budgets: minutes
+    python benchmarks/comparison.py --finger pneunet --split random --model pod --model hybrid
+
+Each trial is stored under runs/comparison as soon as it ends; one that is found there is not run again, so that a
+broken comparison goes on where it was and the table can be made of what there is (--only-found). The paper's network
+and protocol get the wall time of the default model, and beside it the times in BUDGETS_S. Medians are over seeds. The
+figure is docs/figures/surrogates.png.
+"""
+
+import argparse
+import hashlib
+import json
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra import compose, initialize_config_dir
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import cache, paths, registry
+from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.assessment.latency import latency_ms
+from pgdl_lab.cli import store_choices
+from pgdl_lab.errors import LabError
+from pgdl_lab.experiment import Experiment
+from pgdl_lab.files import replacing
+from pgdl_lab.learning.data import Samples, Scene, Training
+
+FINGERS, SPLITS, SEEDS = ("pneunet", "joints", "bellows"), ("random", "extrapolate", "snapshots"), (0, 1, 2)
+PAPER, DEFAULT = "paper", "hybrid"
+BUDGETS_S = (10, 30, 100, 300)  # of the paper's protocol, beside the wall time of the default
+STORE = paths.RUNS / "comparison"
+FIGURE = paths.ROOT / "docs" / "figures" / "surrogates.png"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One training: its choices, and a wall time if it is not the model's own budget."""
+
+    finger: str
+    split: str
+    model: str
+    seed: int
+    budget_s: float | None = None
+
+    def experiment(self) -> Experiment:
+        """What is run."""
+        choices = [f"finger={self.finger}", f"split={self.split}", f"seed={self.seed}", "trainer.progress=false"]
+        choices += ["experiment=paper_random"] if self.model == PAPER else [f"model={self.model}"]
+        if self.budget_s is not None:
+            choices.append(f"trainer.max_time={self.budget_s:g}")
+        with initialize_config_dir(str(paths.CONF), version_base=None):
+            return Experiment.from_config(compose("config", choices))
+
+    def result(self, only_found: bool) -> dict[str, Any] | None:
+        """What it shows: from the disk if it was run before, None if it was not and only what is there counts."""
+        experiment = self.experiment()
+        parts = [experiment.model, experiment.split, *experiment.loss.values()]
+        settings = {
+            "trial": asdict(self), "parts": [registry.describe(part) for part in parts],
+            "rule": asdict(experiment.optimizer), "budget": asdict(experiment.trainer),
+        }  # fmt: skip
+        digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:12]
+        path = STORE / f"{self.finger}-{self.split}-{self.model}-{self.seed}-{digest}.json"
+        if not path.exists() and not only_found:
+            STORE.mkdir(parents=True, exist_ok=True)
+            found = {**settings, **run(experiment)}
+            with replacing(path) as temporary:
+                temporary.write_text(json.dumps(found, indent=1, default=str))
+        return json.loads(path.read_text()) if path.exists() else None
+
+
+def run(experiment: Experiment) -> dict[str, Any]:
+    """Train and measure; a training that breaks down is a result too."""
+    finger = experiment.finger
+    snapshots, *_ = cache.simulate(finger, experiment.fem, experiment.observation, paths.RUNS / "snapshots")
+    train = experiment.split.train_points(snapshots, experiment.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        training = Training(
+            Samples.of(snapshots, train), Scene.of(finger, snapshots), experiment.loss, experiment.trainer,
+            experiment.optimizer, experiment.seed, Path(folder), {},
+        )  # fmt: skip
+        start = time.perf_counter()
+        try:
+            surrogate = experiment.model.fit(training)
+        except LabError as error:
+            return {"failed": str(error)}
+        seconds = time.perf_counter() - start
+    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa), train)
+    extremes = comparison.extremes_mm()
+    tip, highest = int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
+    mse_mm2 = comparison.mse_mm2()
+    if not np.isfinite(list(mse_mm2.values())).all():
+        return {"failed": "the error is not finite"}
+    return {
+        "seconds": seconds,
+        "mse_mm2": mse_mm2,
+        "highlights": [comparison.by_pressure()[i] for i in experiment.split.highlights(snapshots.pressures_kpa)],
+        "extremes_mm": max(
+            abs(ours - theirs)
+            for axis in "xz"
+            for ours, theirs in zip(extremes["surrogate"][axis], extremes["fem"][axis], strict=True)
+        ),
+        "latency_ms": latency_ms(surrogate, snapshots.points, tip, highest),
+    }
+
+
+@dataclass(frozen=True)
+class Row:
+    """Medians over the seeds of one line of the table."""
+
+    finger: str
+    split: str
+    label: str
+    results: list[dict[str, Any]]
+
+    @property
+    def good(self) -> list[dict[str, Any]]:
+        """Results of the trainings that came through."""
+        return [result for result in self.results if "failed" not in result]
+
+    def median(self, *keys: str) -> float:
+        """Median of the number that lies under `keys`."""
+        values = []
+        for value in self.good:
+            for key in keys:
+                value = value[key]
+            values.append(float(value))  # type: ignore[arg-type]
+        return float(np.median(values)) if values else float("nan")
+
+    def worst(self, axis: str) -> float:
+        """Median over the seeds of the greatest MSE among the highlighted pressures [mm²]."""
+        found = [max(row[f"mse_{axis}_mm2"] for row in result["highlights"]) for result in self.good]
+        return float(np.median(found)) if found else float("nan")
+
+
+def rows(fingers: list[str], splits: list[str], models: list[str], seeds: list[int], budgets: list[float],
+         only_found: bool) -> list[Row]:  # fmt: skip
+    """All lines of the table, running what has not been run."""
+    lines = []
+    for finger in fingers:
+        for split in splits:
+            ours = float("nan")
+            for model in [name for name in models if name != PAPER]:
+                trials = [Trial(finger, split, model, seed) for seed in seeds]
+                line = _row(finger, split, model, trials, only_found)
+                lines.append(line)
+                ours = line.median("seconds") if model == DEFAULT and line.good else ours
+            same = [float(np.ceil(ours))] if np.isfinite(ours) else []
+            for budget in ([*same, *budgets] if split == "random" else same) if PAPER in models else []:
+                trials = [Trial(finger, split, PAPER, seed, budget) for seed in seeds]
+                lines.append(_row(finger, split, f"{PAPER}, {budget:g} s", trials, only_found))
+    return [line for line in lines if line.results]
+
+
+def _row(finger: str, split: str, label: str, trials: list[Trial], only_found: bool) -> Row:
+    found = [result for trial in trials if (result := trial.result(only_found)) is not None]
+    return Row(finger, split, label, found)
+
+
+def table(lines: list[Row]) -> Table:
+    """The comparison as a table."""
+    shown = Table(title="Medians over seeds; errors over unseen points; latency on one thread")
+    headings = ("finger", "split", "model", "seeds", "failed", "MSE x mm²", "MSE z mm²", "highlights x", "highlights z",
+                "extremes mm", "train s", "field ms (p99)", "tip ms (p99)")  # fmt: skip
+    for number, heading in enumerate(headings):
+        shown.add_column(heading, justify="left" if number < 3 else "right")
+    for line in lines:
+        latency = (
+            f"{line.median('latency_ms', what, 'median'):.3g} ({line.median('latency_ms', what, 'p99'):.3g})"
+            for what in ("full_field", "tip")
+        )
+        shown.add_row(
+            line.finger, line.split, line.label, str(len(line.results)), str(len(line.results) - len(line.good)),
+            f"{line.median('mse_mm2', 'x'):.1e}", f"{line.median('mse_mm2', 'z'):.1e}", f"{line.worst('x'):.1e}",
+            f"{line.worst('z'):.1e}", f"{line.median('extremes_mm'):.1e}", f"{line.median('seconds'):.1f}", *latency,
+        )  # fmt: skip
+    return shown
+
+
+def draw(lines: list[Row]) -> None:
+    """Error against training time and against latency, random split."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    lines = [line for line in lines if line.split == "random" and line.good]
+    models = list(dict.fromkeys(line.label.split(",")[0] for line in lines))
+    fingers = list(dict.fromkeys(line.finger for line in lines))
+    figure, panels = plt.subplots(1, 2, figsize=(9, 3.9), layout="constrained", sharey=True)
+    for line in lines:
+        model = line.label.split(",")[0]
+        style: dict[str, Any] = {
+            "color": f"C{models.index(model)}", "marker": "osD^v"[fingers.index(line.finger)], "ls": "none", "ms": 6,
+            "mec": "white", "mew": 0.5,
+        }  # fmt: skip
+        mse = line.median("mse_mm2", "x") + line.median("mse_mm2", "z")
+        panels[0].plot(line.median("seconds"), mse, **style)
+        panels[1].plot(line.median("latency_ms", "full_field", "median"), mse, **style)
+    for finger in fingers:
+        curve = sorted((row.median("seconds"), row.median("mse_mm2", "x") + row.median("mse_mm2", "z"))
+                       for row in lines if row.finger == finger and row.label.startswith(PAPER))  # fmt: skip
+        if curve:
+            panels[0].plot(*zip(*curve, strict=True), color=f"C{models.index(PAPER)}", lw=1, zorder=1)
+    for model in models:
+        panels[1].plot([], [], "o", color=f"C{models.index(model)}", label=model)
+    for finger in fingers if len(fingers) > 1 else []:
+        panels[1].plot([], [], "osD^v"[fingers.index(finger)], color="0.4", label=finger)
+    for panel, label in zip(panels, ("training time (s)", "latency of the full field (ms)"), strict=True):
+        panel.set(xscale="log", yscale="log", xlabel=label)
+        panel.grid(alpha=0.3, which="major")
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel("MSE over unseen points, x + z (mm²)")
+    figure.legend(loc="outside right center", frameon=False)
+    FIGURE.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(FIGURE) as temporary:
+        figure.savefig(temporary, format="png", dpi=180)
+
+
+def main() -> None:
+    """Run what is missing, print the table, draw the figure."""
+    store_choices()
+    names = [*registry.names("model"), PAPER]
+    parser = argparse.ArgumentParser(description="Every model on every finger and split.")
+    parser.add_argument("--finger", action="append", choices=FINGERS)
+    parser.add_argument("--split", action="append", choices=SPLITS)
+    parser.add_argument("--model", action="append", choices=names)
+    parser.add_argument("--seed", action="append", type=int)
+    parser.add_argument("--quick", action="store_true", help="pneunet, random split, one seed, the paper for 10 s")
+    parser.add_argument("--only-found", action="store_true", help="table and figure of what was run before")
+    given = parser.parse_args()
+    lines = rows(
+        given.finger or list(FINGERS[:1] if given.quick else FINGERS),
+        given.split or list(SPLITS[:1] if given.quick else SPLITS),
+        given.model or names,
+        given.seed or list(SEEDS[:1] if given.quick else SEEDS),
+        [float(budget) for budget in (BUDGETS_S[:1] if given.quick else BUDGETS_S)],
+        given.only_found,
+    )
+    Console(width=170).print(table(lines))
+    draw(lines)
+    print(f"Figure: {FIGURE}")
+
+
+if __name__ == "__main__":
+    main()

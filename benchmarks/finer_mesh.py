@@ -1,0 +1,62 @@
+"""Whether a surrogate is good only against the mesh that its data were made on.
+
+    python benchmarks/finer_mesh.py [--finger pneunet] [--edge 1.5] [--model hybrid]
+
+Trained on data of the default mesh, a surrogate is judged against it and against a finer one, observed at the same
+points; and the other way round. Where both errors against the other mesh equal the distance of the two meshes, the
+surrogate adds nothing to the discretisation error; where that trained on the finer data errs as little against them as
+the other against its own, the small errors do not come from the coarse mesh's functions. Random split, unseen points.
+"""
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pgdl_lab import cache, paths
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.registry import discover, plugin
+from pgdl_lab.snapshots import Observation
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="Errors against the mesh of the data and against a finer one.")
+    parser.add_argument("--finger", default="pneunet")
+    parser.add_argument("--edge", type=float, default=1.5, help="edges of the finer mesh [mm]")
+    parser.add_argument("--model", default="hybrid")
+    given = parser.parse_args()
+    discover()
+    finger, solid = plugin("finger", given.finger)(), plugin("fem", "solid")()
+    losses = {name: plugin("loss", name)() for name in ("data", "boundary")}
+    meshes = {}
+    for fem in (solid, replace(solid, edge_mm=given.edge, estimate_error=False)):
+        meshes[f"{fem.edge_mm:g} mm"], *_ = cache.simulate(finger, fem, Observation(), paths.RUNS / "snapshots")
+    coarse, fine = meshes.values()
+    if not np.array_equal(coarse.points, fine.points):
+        raise SystemExit("The meshes are not observed at the same points: choose another --edge.")
+    train = plugin("split", "random")().train_points(coarse, 0)
+
+    def mse(difference: np.ndarray) -> str:
+        x, z = (np.delete(difference.reshape(-1, 2), train, axis=0) ** 2).mean(axis=0)
+        return f"{x:.2e}, {z:.2e}"
+
+    print(f"{given.finger}, model {given.model}, random split: mean squared error x, z [mm²] over unseen points")
+    print(f"{'':<24}" + "".join(f"{f'against {name}':>24}" for name in meshes))
+    print(f"{'the meshes themselves':<24}{'–':>24}{mse(coarse.displacements - fine.displacements):>24}")
+    for name, snapshots in meshes.items():
+        with tempfile.TemporaryDirectory() as folder:
+            training = Training(
+                Samples.of(snapshots, train), Scene.of(finger, snapshots), losses, TrainerSettings(progress=False),
+                OptimizerSettings(), 0, Path(folder), {},
+            )  # fmt: skip
+            predicted = plugin("model", given.model)().fit(training).predict(coarse.points, coarse.pressures_kpa)
+        errors = (mse(predicted - other.displacements) for other in meshes.values())
+        print(f"{f'trained on {name}':<24}" + "".join(f"{error:>24}" for error in errors), flush=True)
+
+
+if __name__ == "__main__":
+    main()

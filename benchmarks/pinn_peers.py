@@ -1,0 +1,258 @@
+"""The same training in DeepXDE and PINA: time of a step and error after the same wall time, beside the lab's own.
+
+    pip install -c constraints.txt -e '.[bench]'
+    python benchmarks/pinn_peers.py [--finger pneunet] [--seconds 30]
+
+All train 8 × 100 tanh neurons on (x, z, p), scaled to −1 … 1, with Adam, 512 of the same training points per step, on
+the data and the corrected Navier–Cauchy residual at these points with the same weight, in float32 on one thread. The
+last line is the default model, with the time that it takes. A package that is not installed is left out.
+"""
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pgdl_lab import cache, paths
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.registry import discover, plugin
+from pgdl_lab.snapshots import Observation, Snapshots
+
+Floats = NDArray[np.float64]
+DEPTH, WIDTH, BATCH, RATE = 8, 100, 512, 1e-3
+
+
+@dataclass(frozen=True)
+class Task:
+    """What all of them learn, in `seconds`."""
+
+    snapshots: Snapshots
+    train: NDArray[np.int64]
+    scene: Scene
+    weight: float
+    seconds: float
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The training points."""
+        return Samples.of(self.snapshots, self.train)
+
+    @cached_property
+    def inputs(self) -> Tensor:
+        """(n, 3) x, z [mm], p [kPa]."""
+        samples = self.samples
+        return torch.from_numpy(np.column_stack([samples.points_mm, samples.pressures_kpa])).float()
+
+    @cached_property
+    def targets(self) -> Tensor:
+        """(n, 2) [mm]."""
+        return torch.from_numpy(self.samples.displacements_mm).float()
+
+    def scaled(self, inputs: Tensor) -> Tensor:
+        """Inputs between −1 and 1."""
+        low, high = self.inputs.min(dim=0).values, self.inputs.max(dim=0).values
+        return (2 * inputs - low - high) / (high - low)
+
+    def unscaled(self, outputs: Tensor) -> Tensor:
+        """Displacements [mm] from outputs between −1 and 1."""
+        low, high = self.targets.min(dim=0).values, self.targets.max(dim=0).values
+        return (outputs * (high - low) + low + high) / 2
+
+    def residuals(self, second: Callable[[int, int, int], Tensor]) -> list[Tensor]:
+        """Of the Navier–Cauchy equation, from second(component, i, j), the second derivative by x_i and x_j."""
+        lame, shear = self.scene.lame_mpa, self.scene.shear_modulus_mpa
+        return [
+            (lame + shear) * (second(0, 0, i) + second(1, 1, i))
+            + shear * (second(i, 0, 0) + second(i, 1, 1)) + self.scene.body_force_n_mm3[i]
+            for i in range(2)
+        ]  # fmt: skip
+
+    def mse(self, predict: Callable[[Tensor], Tensor]) -> tuple[float, float]:
+        """Mean squared errors of u_x and u_z over the unseen points [mm²]."""
+        points = torch.from_numpy(self.snapshots.points).float()
+        with torch.no_grad():
+            fields = [
+                predict(torch.cat([points, torch.full((len(points), 1), float(kpa))], dim=1)).detach().numpy()
+                for kpa in self.snapshots.pressures_kpa
+            ]
+        error = np.delete((np.stack(fields) - self.snapshots.displacements).reshape(-1, 2), self.train, axis=0)
+        x, z = (error**2).mean(axis=0)
+        return float(x), float(z)
+
+
+Outcome = tuple[float, float, float]  # seconds per step, MSE of u_x and of u_z
+
+
+def ours(task: Task) -> Outcome:
+    """The lab's network with the same settings."""
+    losses = {"data": plugin("loss", "data")(), "navier_cauchy": plugin("loss", "navier_cauchy")(weight=task.weight)}
+    model = plugin("model", "mlp")(depth=DEPTH, width=WIDTH, activation="tanh")
+    surrogate, seconds = _lab(task, model, losses, task.seconds)
+    history = surrogate.record.history
+    steps = history[-1]["epoch"] * -(-len(task.train) // BATCH)
+    return history[-1]["seconds"] / steps, *_mse_of(task, surrogate)
+
+
+def default(task: Task) -> Outcome:
+    """The default model; its "step" is its whole training."""
+    losses = {name: plugin("loss", name)() for name in ("data", "boundary")}
+    surrogate, seconds = _lab(task, plugin("model", "hybrid")(), losses, None)
+    return seconds, *_mse_of(task, surrogate)
+
+
+def _lab(task: Task, model: Any, losses: dict[str, Any], budget_s: float | None) -> tuple[Any, float]:
+    trainer = TrainerSettings(progress=False, accelerator="cpu")
+    rule = OptimizerSettings()
+    if budget_s is not None:
+        trainer = replace(trainer, max_time=str(budget_s), max_epochs=10**6, validation=0.0)
+        rule = OptimizerSettings(lr=RATE, batch_size=BATCH, schedule="constant")
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        surrogate = model.fit(Training(task.samples, task.scene, losses, trainer, rule, 0, Path(folder), {}))
+    return surrogate, time.perf_counter() - start
+
+
+def _mse_of(task: Task, surrogate: Any) -> tuple[float, float]:
+    error = surrogate.predict(task.snapshots.points, task.snapshots.pressures_kpa) - task.snapshots.displacements
+    x, z = (np.delete(error.reshape(-1, 2), task.train, axis=0) ** 2).mean(axis=0)
+    return float(x), float(z)
+
+
+def deepxde(task: Task) -> Outcome:
+    """DeepXDE on PyTorch, with a data set of its own kind, so that residuals are taken at the 512 points alone."""
+    os.environ["DDE_BACKEND"] = "pytorch"
+    import deepxde as dde
+
+    rng = np.random.default_rng(0)
+    inputs, targets = task.inputs.numpy(), task.targets.numpy()
+
+    class Points(dde.data.Data):  # type: ignore[misc]
+        def losses(self, targets: Any, outputs: Any, loss_fn: Any, inputs: Any, model: Any, aux: Any = None) -> Any:
+            residuals = task.residuals(lambda c, i, j: dde.grad.hessian(outputs, inputs, component=c, i=i, j=j))
+            data = sum((outputs[:, i] - targets[:, i]).square().mean() for i in range(2))
+            return [data, task.weight * sum(residual.square().mean() for residual in residuals)]
+
+        def train_next_batch(self, batch_size: int | None = None) -> Any:
+            chosen = rng.integers(len(inputs), size=BATCH)
+            return inputs[chosen], targets[chosen]
+
+        def test(self) -> Any:
+            return inputs[:2], targets[:2]
+
+    network = dde.nn.FNN([3, *[WIDTH] * DEPTH, 2], "tanh", "Glorot uniform")
+    network.apply_feature_transform(task.scaled)
+    network.apply_output_transform(lambda _, outputs: task.unscaled(outputs))
+    model = dde.Model(Points(), network)
+    model.compile("adam", lr=RATE, verbose=0)
+    model.train(iterations=3, display_every=10**9, verbose=0)  # the first steps set up more than they learn
+    steps, start = 0, time.perf_counter()
+    while time.perf_counter() - start < task.seconds:
+        model.train(iterations=20, display_every=10**9, verbose=0)
+        steps += 20
+    seconds = time.perf_counter() - start
+    return seconds / steps, *task.mse(network)
+
+
+def pina(task: Task) -> Outcome:
+    """PINA with two conditions on the same points."""
+    import logging
+
+    from lightning.pytorch.callbacks import Timer
+    from pina import Condition, LabelTensor, Trainer
+    from pina.equation import Equation
+    from pina.operator import grad
+    from pina.optim import TorchOptimizer
+    from pina.problem import BaseProblem
+    from pina.solver import PINN
+
+    names, axes = ["ux", "uz"], ["x", "z"]
+
+    def residual(inputs: Any, outputs: Any) -> Any:
+        first = grad(outputs, inputs, components=names, d=axes)
+
+        def second(component: int, i: int, j: int) -> Any:
+            along = f"d{names[component]}d{axes[i]}"
+            return grad(first, inputs, components=[along], d=[axes[j]]).as_subclass(torch.Tensor)[:, 0]
+
+        return torch.stack(task.residuals(second), dim=1)
+
+    class Network(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            sizes = [3, *[WIDTH] * DEPTH]
+            layers = [part for a, b in zip(sizes[:-1], sizes[1:], strict=True)
+                      for part in (torch.nn.Linear(a, b), torch.nn.Tanh())]  # fmt: skip
+            self.layers = torch.nn.Sequential(*layers, torch.nn.Linear(WIDTH, 2))
+
+        def forward(self, inputs: Any) -> Any:
+            return task.unscaled(self.layers(task.scaled(inputs.as_subclass(torch.Tensor))))
+
+    points = LabelTensor(task.inputs.clone(), ["x", "z", "p"])
+    values = LabelTensor(task.targets.clone(), names)
+
+    class Finger(BaseProblem):  # type: ignore[misc]
+        input_variables = ["x", "z", "p"]
+        output_variables = names
+        conditions = {
+            "data": Condition(input=points, target=values),
+            "physics": Condition(input=points, equation=Equation(residual)),
+        }
+
+    from pina.loss import ScalarWeighting
+
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    network = Network()
+    # its mean is over both components, ours a sum of two means: factors 2 make the objectives equal
+    weighting = ScalarWeighting({"data": 2.0, "physics": 2 * task.weight})
+    solver = PINN(Finger(), network, optimizer=TorchOptimizer(torch.optim.Adam, lr=RATE), weighting=weighting)
+    trainer = Trainer(
+        solver, batch_size=BATCH, max_epochs=10**6, accelerator="cpu", enable_progress_bar=False, logger=False,
+        enable_checkpointing=False, enable_model_summary=False, callbacks=[Timer(timedelta(seconds=task.seconds))],
+    )  # fmt: skip
+    start = time.perf_counter()
+    trainer.train()
+    return (time.perf_counter() - start) / trainer.global_step, *task.mse(network)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--finger", default="pneunet")
+    parser.add_argument("--seconds", type=float, default=30)
+    parser.add_argument("--weight", type=float, default=1e-4, help="of the residual")
+    given = parser.parse_args()
+    discover()
+    torch.set_num_threads(1)
+    finger = plugin("finger", given.finger)()
+    snapshots, *_ = cache.simulate(finger, plugin("fem", "solid")(), Observation(), paths.RUNS / "snapshots")
+    train = plugin("split", "random")().train_points(snapshots, 0)
+    task = Task(snapshots, train, Scene.of(finger, snapshots), given.weight, given.seconds)
+    torch.manual_seed(0)
+    print(f"{given.finger}, random split, {given.seconds:g} s each, residual's weight {given.weight:g}")
+    print(f"{'':<24}{'step [ms]':>10}{'MSE x [mm²]':>13}{'MSE z [mm²]':>13}")
+    methods: dict[str, Callable[[Task], Outcome]] = {"pgdl_lab, same network": ours, "DeepXDE": deepxde, "PINA": pina}
+    for name, method in methods.items():
+        if name in ("DeepXDE", "PINA") and find_spec(name.lower()) is None:
+            print(f"{name:<24}is not installed: pip install -c constraints.txt -e '.[bench]'")
+            continue
+        seconds, x, z = method(task)
+        print(f"{name:<24}{1e3 * seconds:>10.1f}{x:>13.2e}{z:>13.2e}", flush=True)
+    seconds, x, z = default(task)
+    print(f"{f'default, {seconds:.0f} s in all':<24}{'–':>10}{x:>13.2e}{z:>13.2e}")
+
+
+if __name__ == "__main__":
+    main()
