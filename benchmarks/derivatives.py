@@ -3,7 +3,8 @@
     python benchmarks/derivatives.py
 
 Forward and backward to the weights of an 8 × 100 network at 512 points, one thread, float32: the median of runs that
-take turns. Values and gradients of both ways are compared in float64 first.
+take turns. Values and gradients of both ways are compared in float64 first. Six rows are carried instead of one, so six
+times the time of the values alone is what no closed form in these layers can beat.
 """
 
 import shutil

@@ -72,7 +72,7 @@ class Affine(nn.Module):
 
 
 class _Activation(torch.autograd.Function):
-    """The chain rule at an activation s, and its derivative by hand: a fifth of the passes over memory of autograd's.
+    """The chain rule at an activation s, and its derivative by hand, which passes over the rows less often.
 
     With h the first row: s(h); s' h_i; s'' h_i h_j + s' h_ij.
     """
