@@ -7,8 +7,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import torch
-
 from pgdl_lab.errors import InputError
 
 RULES = ("fixed", "gradient_norm", "relobralo")
@@ -79,16 +77,16 @@ class Balancer:
         for name, norm in felt.items():
             self._move(name, sum(felt.values()) / len(felt) / norm)
 
-    def by_progress(self, values: Mapping[str, float], generator: torch.Generator) -> None:
+    def by_progress(self, values: Mapping[str, float], draw: float) -> None:
         """Adjust by the unweighted terms: that which has fallen least since the last time gets the largest factor.
 
         R. Bischof & M. Kraus, Multi-objective loss balancing for physics-informed deep learning, 2021, with
-        temperature 1. Now and then the first values are looked back to, so that slow drifts are not lost.
+        temperature 1. Now and then, where a `draw` from 0 … 1 is small, the first values are looked back to: slow
+        drifts are not lost.
         """
         felt = {name: value for name, value in values.items() if value > 0 and math.isfinite(value)}
         if self._last and felt:
-            far = float(torch.rand((), generator=generator)) < LOOKBACK
-            for name, share in self._shares(felt, self._first if far else self._last).items():
+            for name, share in self._shares(felt, self._first if draw < LOOKBACK else self._last).items():
                 self._move(name, share)
         self._last = dict(felt)
         self._first = {**self._last, **self._first}
@@ -96,8 +94,10 @@ class Balancer:
     @staticmethod
     def _shares(values: Mapping[str, float], before: Mapping[str, float]) -> dict[str, float]:
         """As many as there are terms, shared out by a soft maximum of value over value before."""
-        ratios = torch.tensor([value / before.get(name, value) for name, value in values.items()], dtype=torch.double)
-        return dict(zip(values, (len(values) * torch.softmax(ratios, dim=0)).tolist(), strict=True))
+        ratios = {name: value / before.get(name, value) for name, value in values.items()}
+        highest = max(ratios.values())
+        powers = {name: math.exp(ratio - highest) for name, ratio in ratios.items()}
+        return {name: len(values) * power / sum(powers.values()) for name, power in powers.items()}
 
     def _move(self, name: str, wanted: float) -> None:
         self.factors[name] = self.settings.memory * self.factors[name] + (1 - self.settings.memory) * wanted

@@ -109,7 +109,8 @@ class Objective(nn.Module):
         if self.balancer.settings.rule == "gradient_norm":
             self.balancer.by_gradients(self.gradient_norms(terms))
         else:
-            self.balancer.by_progress({name: float(value.detach()) for name, value in terms.items()}, generator)
+            draw = float(torch.rand((), generator=generator))
+            self.balancer.by_progress({name: float(value.detach()) for name, value in terms.items()}, draw)
 
     def gradient_norms(self, terms: Mapping[str, Tensor]) -> dict[str, float]:
         """Norm of each unweighted term's gradient by the weights of the field."""
