@@ -193,6 +193,8 @@ def draw(lines: list[Row]) -> None:
     import matplotlib.pyplot as plt
 
     lines = [line for line in lines if line.split == "random" and line.good]
+    if not lines:
+        return
     models = list(dict.fromkeys(line.label.split(",")[0] for line in lines))
     fingers = list(dict.fromkeys(line.finger for line in lines))
     figure, panels = plt.subplots(1, 2, figsize=(9, 3.9), layout="constrained", sharey=True)
@@ -223,6 +225,7 @@ def draw(lines: list[Row]) -> None:
     FIGURE.parent.mkdir(parents=True, exist_ok=True)
     with replacing(FIGURE) as temporary:
         figure.savefig(temporary, format="png", dpi=180)
+    print(f"Figure: {FIGURE}")
 
 
 def main() -> None:
@@ -247,7 +250,6 @@ def main() -> None:
     )
     Console(width=170).print(table(lines))
     draw(lines)
-    print(f"Figure: {FIGURE}")
 
 
 if __name__ == "__main__":

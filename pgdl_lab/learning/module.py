@@ -33,12 +33,22 @@ class TrainingDiverged(LabError):
     surrogate: Any = None
 
 
+def surely_less(errors: Tensor, others: Tensor) -> bool:
+    """Whether `errors` (m,) are less than `others` (m,) on average by more than chance would have it.
+
+    The best of many states looks better than it is where it was chosen; three standard errors of the mean difference
+    are more than that.
+    """
+    gain = others - errors
+    return bool(gain.mean() > 3 * gain.std(correction=0) / math.sqrt(len(gain)))
+
+
 class TrainingModule(pl.LightningModule):
     """Trains the field of an objective on batches that are slices of shuffled training points.
 
     A part of the training points is set aside for validation, and the state of the field that errs least on them is
-    kept, that before the first step included. Every random choice of an epoch follows from the seed and the epoch's
-    number, so that a resumed training goes on as if it had never stopped.
+    kept, unless it does not surely err less than that before the first step. Every random choice of an epoch follows
+    from the seed and the epoch's number, so that a resumed training goes on as if it had never stopped.
 
     Parameters
     ----------
@@ -212,29 +222,34 @@ class TrainingModule(pl.LightningModule):
             self._restore_best()
 
     @torch.no_grad()
-    def _validation(self) -> float:
-        """Mean squared error of both components over the points that are set aside [mm²]."""
+    def _validation(self) -> Tensor:
+        """Squared errors (m,), summed over both components, at the points that are set aside [mm²]."""
         objective = self.objective
         predicted = objective.field(objective.inputs[:1, self._held], objective.pressures[self._held])
-        return float((predicted - objective.targets[self._held]).square().sum(dim=1).mean())
+        return (predicted - objective.targets[self._held]).square().sum(dim=1)
 
     def _keep_best(self) -> None:
         if not len(self._held):
             return
-        mse = self._validation()
+        errors = self._validation()
+        state = {"mse": float(errors.mean()), "errors": errors, "weights": self._weights()}
         if not self.best:
-            self.best = {"mse": mse, "start": mse, "epoch": 0, "weights": self._weights()}
-        elif mse < self.best["mse"]:
-            self.best |= {"mse": mse, "epoch": self.current_epoch + 1, "weights": self._weights()}
+            self.best = {**state, "epoch": 0, "start": state}
+        elif state["mse"] < self.best["mse"]:
+            self.best |= {**state, "epoch": self.current_epoch + 1}
 
     def _restore_best(self) -> None:
-        if self.best:
-            self.objective.field.load_state_dict(self.best["weights"], strict=False)
-            _log.info(
-                "Kept the state of epoch %d: mean squared error %.3g mm² on the points that were set aside, against "
-                "%.3g mm² before training.",
-                *(self.best[key] for key in ("epoch", "mse", "start")),
-            )
+        if not self.best:
+            return
+        start = self.best["start"]
+        gained = surely_less(self.best["errors"], start["errors"])
+        kept = self.best if gained else start
+        self.objective.field.load_state_dict(kept["weights"], strict=False)
+        _log.info(
+            "Points set aside: mean squared error %.4g mm² before training, %.4g mm² at best, after epoch %d: %s.",
+            start["mse"], self.best["mse"], self.best["epoch"],
+            "that state is kept" if gained else "no sure gain, so the state before training is kept",
+        )  # fmt: skip
 
     def means(self) -> dict[str, float]:
         """Mean of each loss term over the batches of this epoch."""
@@ -258,7 +273,7 @@ class TrainingModule(pl.LightningModule):
             }
         entry["loss"] = sum(value for key, value in entry.items() if key.startswith("weighted/"))
         if self.best:
-            entry["validation"] = self._validation()
+            entry["validation"] = float(self._validation().mean())
         self.history.append(entry)
         if self.logger is not None:
             metrics = {key: value for key, value in entry.items() if key != "epoch"}

@@ -29,8 +29,8 @@ class TrainerSettings:
     accelerator
         "auto" (a GPU where there is one), "cpu" or "gpu".
     validation
-        Share of the training points that is set aside: the state that errs least on them is kept, that before the
-        first step included. 0 keeps the last state.
+        Share of the training points that is set aside: the state that errs least on them is kept, or that before the
+        first step if the gain may be chance. 0 keeps the last state.
     threads
         CPU threads of the training. More than one hardly speeds up a small network, and on a busy machine threads
         that wait for each other slow it down many times over.

@@ -8,6 +8,7 @@ import torch
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.fit import fit
 from pgdl_lab.learning.levenberg_marquardt import LevenbergMarquardt
+from pgdl_lab.learning.module import surely_less
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.registry import discover, plugin
 from tests.trainings import training
@@ -116,6 +117,14 @@ def test_best_state_on_the_points_set_aside_is_kept(tmp_path: Path) -> None:
     start = model.new_field(training(tmp_path, {"data": {}}))
     assert torch.equal(surrogate.field.linear.weight, start.linear.weight)
     assert surrogate.record.history[-1]["raw/data"] > 1
+
+
+def test_a_gain_by_chance_is_none() -> None:
+    torch.manual_seed(0)
+    errors = torch.rand(500)
+    assert not surely_less(errors + 0.1 * torch.randn(500), errors)
+    assert not surely_less(errors, errors)
+    assert surely_less(errors - 0.03 + 0.1 * torch.randn(500), errors)
 
 
 @pytest.mark.parametrize(
