@@ -227,7 +227,8 @@ def main() -> None:
         (term, [r["seconds"] for r in results if r["term"] == term and "seconds" in r]) for term in ("none", *TERMS)
     ]
     print("seconds per training:", ", ".join(f"{term} {np.median(took):.1f}" for term, took in costs if took))
-    draw(results)
+    if results:
+        draw(results)
 
 
 if __name__ == "__main__":
