@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -40,7 +41,7 @@ def draw(study: optuna.Study, objectives: Mapping[str, str], folder: Path) -> li
     trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     if not trials:
         return []
-    importances = _importances(study, len(objectives)) if len(trials) >= FEWEST else []
+    importances = _importances(study) if len(trials) >= FEWEST else []
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     with matplotlib.rc_context(STYLE):
@@ -69,20 +70,22 @@ def draw(study: optuna.Study, objectives: Mapping[str, str], folder: Path) -> li
     return written
 
 
-def _importances(study: optuna.Study, count: int) -> list[dict[str, float]]:
+def _importances(study: optuna.Study) -> list[dict[str, float]]:
     """Share of each setting in what makes the trials differ, for each objective; empty where nothing differs."""
     found = []
-    for index in range(count):
-        try:
-            found.append(optuna.importance.get_param_importances(study, target=partial(_value, index)))
-        except (RuntimeError, ValueError):  # all trials have the same value, or the same settings
-            found.append({})
+    for index, direction in enumerate(study.directions):
+        sign = 1.0 if direction is optuna.study.StudyDirection.MINIMIZE else -1.0
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that low values count as good, which the sign sees to
+            try:
+                found.append(optuna.importance.get_param_importances(study, target=partial(_value, index, sign)))
+            except (RuntimeError, ValueError):  # all trials have the same value, or the same settings
+                found.append({})
     return found
 
 
-def _value(index: int, trial: FrozenTrial) -> float:
-    value: float = trial.values[index]
-    return value
+def _value(index: int, sign: float, trial: FrozenTrial) -> float:
+    return sign * trial.values[index]
 
 
 def _history(axes: Sequence[Axes], study: optuna.Study, objectives: Mapping[str, str]) -> None:
@@ -97,7 +100,7 @@ def _history(axes: Sequence[Axes], study: optuna.Study, objectives: Mapping[str,
             others = [trial.number for trial in trials if trial.state is state]
             if others:
                 axis.plot(others, [max(values)] * len(others), mark, color="tab:red", ms=7, label=label)
-        _scale(axis.set_yscale, values)
+        _scale(axis, "y", values)
         axis.set(xlabel="trial", ylabel=name)
         axis.legend()
 
@@ -160,12 +163,18 @@ def _pareto(
         axis.annotate(
             str(trial.number), (trial.values[x], trial.values[y]), (4, 4), textcoords="offset points", fontsize=8
         )
-    _scale(axis.set_xscale, [trial.values[x] for trial in trials])
-    _scale(axis.set_yscale, [trial.values[y] for trial in trials])
+    _scale(axis, "x", [trial.values[x] for trial in trials])
+    _scale(axis, "y", [trial.values[y] for trial in trials])
     axis.set(xlabel=names[x], ylabel=names[y])
     axis.legend()
 
 
-def _scale(set_scale: Any, values: Sequence[float]) -> None:
+def _scale(axes: Axes, which: str, values: Sequence[float]) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
     if min(values) > 0 and max(values) / min(values) > RATIO:
-        set_scale("log")
+        axes.set(**{f"{which}scale": "log"})
+        axis = getattr(axes, f"{which}axis")
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
