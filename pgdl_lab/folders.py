@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 from pgdl_lab import paths
 from pgdl_lab.errors import InputError
 
-BEST = paths.RUNS / "experiment"
+BEST = paths.BEST / "experiment"
 """The best configurations of searches: `<study>/<name>.yaml` there is typed as `experiment=<study>/<name>`."""
 
 

@@ -12,6 +12,9 @@ ROOT = Path(os.environ.get("PGDL_LAB_ROOT") or _CHECKOUT or Path.cwd()).resolve(
 RUNS = ROOT / "runs"
 """Everything that a run writes."""
 
+BEST = RUNS / "best"
+"""YAML files that searches leave behind; apart from runs, whose folders would show up among the choices."""
+
 CONF = (_CHECKOUT or _PACKAGE) / "conf"
 """The YAML files: beside the package in a checkout, inside it when installed from a wheel."""
 

@@ -24,7 +24,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf, flag_override
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.paths import CONF, RUNS
+from pgdl_lab.paths import BEST, CONF
 
 KINDS = ("finger", "fem", "split", "loss", "model")
 """The plugin kinds: each is a config group, a folder in `plugins/` and an abstract class in `pgdl_lab/`."""
@@ -160,9 +160,9 @@ def plugin(kind: str, name: str) -> type:
 def choices(group: str) -> list[str]:
     """What may be typed after `group=`: registered plugins and YAML files of `conf/<group>/`, sorted.
 
-    Searches leave files of the group `experiment` in `runs/`.
+    Searches leave files of the group `experiment`.
     """
-    files = (path.stem for folder in (CONF, RUNS) for path in (folder / group).glob("*.yaml"))
+    files = (path.stem for folder in (CONF, BEST) for path in (folder / group).glob("*.yaml"))
     stored: Any = ConfigStore.instance().repo
     for folder in group.split("/"):
         stored = stored.get(folder, {})

@@ -42,7 +42,8 @@ class SearchSettings:
     report
         Quantity in the loss history that the pruner sees.
     storage
-        URL of a database; None: the file `study.journal` in the study's folder.
+        URL of a database; None: the file `study.journal` in the study's folder. Workers share that folder either way:
+        its locks tell them which of them live.
     batch
         Trials that are handed to Hydra's launcher together.
     workers
@@ -77,7 +78,7 @@ class SearchSettings:
     retry_failed: bool = False
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[\w.-]+", self.study) or self.study in ("latest", "snapshots", "artifacts", "experiment"):
+        if not re.fullmatch(r"[\w.-]+", self.study) or self.study in ("latest", "snapshots", "artifacts", "best"):
             raise InputError(
                 f"hydra.sweeper.study is '{self.study}', which names the folder runs/<study>: use letters, digits, "
                 "'_', '-' and '.', but no name that the lab uses itself."

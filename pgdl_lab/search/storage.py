@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,14 +42,15 @@ def open_storage(url: str | None, folder: Path) -> BaseStorage:
     if url is None:
         file = folder / "study.journal"
         return JournalStorage(JournalFileBackend(str(file), KernelLock(folder / ".journal.lock")))
+    shown = re.sub(r"//([^:/@]*):[^@/]*@", r"//\1:***@", url)
     try:
         with FileLock(folder / ".storage.lock"):  # the first to come makes the tables
             return RDBStorage(url, engine_kwargs={"pool_pre_ping": True})
     except ImportError as error:
         raise InputError(
-            f"hydra.sweeper.storage={url} needs a Python package that is not installed: for postgresql+psycopg://… "
+            f"hydra.sweeper.storage={shown} needs a Python package that is not installed: for postgresql+psycopg://… "
             "it is 'pip install psycopg[binary]'."
         ) from error
     except Exception as error:  # each database has errors of its own
         reason = " ".join(str(error).splitlines()[:1])
-        raise InputError(f"hydra.sweeper.storage={url} cannot be opened: {reason}") from error
+        raise InputError(f"hydra.sweeper.storage={shown} cannot be opened: {reason}") from error

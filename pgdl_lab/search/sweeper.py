@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,8 @@ class Search:
     """
 
     def __init__(self, settings: SearchSettings, context: HydraContext, task: TaskFunction, config: DictConfig) -> None:
+        if HELPER in os.environ:  # or what fails now would be tried again by every helper
+            settings = replace(settings, retry_failed=False)
         self.settings, self.context, self.config = settings, context, config
         self.folder = Path(config.hydra.sweep.dir)
         with _threads(settings.threads):

@@ -96,7 +96,7 @@ def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(lab: Lab, to
     }
     with (folder / "pareto.csv").open() as file:
         assert {int(row["trial"]) for row in csv.DictReader(file)} == front
-    files = sorted((toy / "runs" / "experiment" / "search").glob("*.yaml"))
+    files = sorted((toy / "runs" / "best" / "experiment" / "search").glob("*.yaml"))
     assert [file.name for file in files] == [f"pareto_{place}.yaml" for place in range(1, len(front) + 1)]
     parent, children = runs(toy)
     assert parent.info.status == "FINISHED"
@@ -110,11 +110,6 @@ def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(lab: Lab, to
     assert again.returncode == 0, again.stderr
     best = json.loads((toy / "runs" / "latest" / "metrics.json").read_text())["extremes_mm"]["fem"]
     assert (best["x"][1], best["z"][1]) == min(pairs[n] for n in front)
-
-    refused = lab(*typed, "finger.wall_mm=3.2", "hydra.sweeper.n_trials=9")
-    assert refused.returncode == 1
-    assert "was begun with another setting finger.wall_mm: 3.0 there, 3.2 now" in refused.stderr
-    assert len(trials(toy)) == 5
 
 
 @pytest.fixture
@@ -197,23 +192,23 @@ def test_a_training_is_pruned_from_inside(lab: Lab, toy: Path) -> None:
 
 
 def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(lab: Lab, toy: Path) -> None:
-    done = lab("-m", "task=simulate", "fem=toy", "fem.a=0.3,0.5", "fem.kind=points,burst", "finger.wall_mm=3,-3")
+    done = lab("-m", "task=simulate", "fem=toy", "fem.a=0.3,0.5", "finger.wall_mm=3,-3")
     assert done.returncode == 1
-    assert "6 of the multirun's jobs failed" in done.stderr
+    assert "2 of the multirun's jobs failed" in done.stderr
     (folder,) = (path.parent for path in (toy / "runs").glob("*/comparison.csv"))
     with (folder / "comparison.csv").open() as file:
         rows = list(csv.DictReader(file))
     good = [(row["fem.a"], float(row["extremes_mm.fem.z.0"])) for row in rows if not row["error"]]
     assert [a for a, _ in good] == ["0.3", "0.5"]
-    assert sum("finger.wall_mm is -3.0 mm" in row["error"] for row in rows) == 4
+    assert sum("finger.wall_mm is -3.0 mm" in row["error"] for row in rows) == 2
     client = MlflowClient(f"sqlite:///{toy}/mlflow.db")
     parent = (folder / "mlflow_run_id").read_text()
     assert {file.path for file in client.list_artifacts(parent)} == {"comparison.csv", "figures"}
     found = client.search_runs([client.get_run(parent).info.experiment_id])
     failed = [run for run in found if run.data.tags.get("mlflow.parentRunId") == parent]
     assert {run.info.status for run in failed} == {"FAILED"}
-    assert len(failed) == 6
-    assert {run.data.params["finger.wall_mm"] for run in failed if "wall_mm" in run.data.tags["error"]} == {"-3"}
+    assert len(failed) == 2
+    assert {run.data.params["finger.wall_mm"] for run in failed} == {"-3"}
 
 
 def postgres() -> Path | None:
