@@ -9,7 +9,16 @@ from tests.fingers import OBSERVATION, pneunet, solid
 
 @pytest.fixture(scope="module")
 def snapshots() -> Snapshots:
-    return solid(element="hex27_p1").simulate(pneunet(), OBSERVATION)
+    return solid(element="hex27_p1", estimate_error=True).simulate(pneunet(), OBSERVATION)
+
+
+def test_coarse_mesh_is_said_to_be_coarse(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("WARNING"):
+        coarse = solid(estimate_error=True).simulate(pneunet(chambers=1), OBSERVATION)
+    error = coarse.provenance["discretisation_error"]
+    assert 0 < error["tip_mm"] <= error["largest_mm"] and error["kpa"] == 20
+    assert f"about {error['tip_mm']:.2g} mm elsewhere at 20 kPa" in caplog.text
+    assert solid().simulate(pneunet(chambers=1), OBSERVATION).provenance["discretisation_error"] is None
 
 
 def test_snapshots_as_asked_for(snapshots: Snapshots) -> None:
