@@ -3,7 +3,7 @@
 import logging
 import platform
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-COARSE_PERCENT = 5.0
+COARSE_PERCENT = 3.0
 CONTACT_MODES = ("auto", "on", "off")
 
 
@@ -47,7 +47,8 @@ class Solid(Fem):
     interpolation_mm
         Largest error of snapshots that are interpolated between equilibria [mm].
     estimate_error
-        Whether to estimate the discretisation error at the highest pressure; takes about as long as half a simulation.
+        Whether to estimate the discretisation error at the highest pressure; takes half as long as a simulation, and as
+        long as one where the error is large.
     """
 
     edge_mm: float = 3.0
@@ -106,14 +107,14 @@ class Solid(Fem):
         error = model.discretisation_error(history) if self.estimate_error else None
         if error is not None and error.tip_percent > COARSE_PERCENT:
             _log.warning(
-                "On a mesh with half the edges the tip would lie about %.2g mm elsewhere at %.4g kPa, %.2g %% of its "
+                "On a mesh with half the edges the tip would lie %.2g mm elsewhere at %.4g kPa, %.2g %% of its "
                 "displacement: lower fem.edge_mm=%g if that matters.",
                 error.tip_mm,
                 error.kpa,
                 error.tip_percent,
                 self.edge_mm,
             )
-        return None if error is None else error.provenance()
+        return None if error is None else asdict(error)
 
     def _provenance(self, finger: Finger, model: "Model", history: "History") -> dict[str, Any]:
         reaction, outer = model.reaction_and_load_n(history.branch.displacements[-1], history.reached_kpa)

@@ -71,11 +71,12 @@ class Bellows(ExtrudedFinger):
 
     def profile(self) -> Profile:
         gap, solid, cavity = Region.GAP, Region.SOLID, Region.CAVITY
-        #           base   duct    trough's roof, flank, crest's roof
-        block = [solid, solid, solid, solid, solid]
-        crest = [solid, cavity, cavity, cavity, solid]
-        flank = [solid, cavity, solid, solid, solid]
-        trough = [solid, cavity, solid, gap, gap]
+        # From the bottom up: base, duct, trough's roof, flank, crest's roof; base and roofs, which bend, in two layers.
+        base, roof = 2 * [solid], 2 * [solid]
+        block = 8 * [solid]
+        crest = [*base, *4 * [cavity], *roof]
+        flank = [*base, cavity, *5 * [solid]]
+        trough = [*base, cavity, *roof, *3 * [gap]]
 
         columns = [(self.root_mm, block), (self.wall_mm, block)]
         for number in range(self.folds):
@@ -83,5 +84,6 @@ class Bellows(ExtrudedFinger):
                 columns += [(self.wall_mm, flank), (self.trough_mm, trough), (self.wall_mm, flank)]
             columns.append((self.crest_mm, crest))
         columns += [(self.wall_mm, block), (self.tip_mm, block)]
-        heights = [self.base_mm, self.duct_mm, self.wall_mm, self.fold_mm - self.wall_mm, self.wall_mm]
+        half_base, half_roof = 2 * [self.base_mm / 2], 2 * [self.wall_mm / 2]
+        heights = [*half_base, self.duct_mm, *half_roof, self.fold_mm - self.wall_mm, *half_roof]
         return Profile.from_columns(np.cumsum([0.0, *heights]).tolist(), columns)

@@ -17,7 +17,7 @@ def test_coarse_mesh_is_said_to_be_coarse(caplog: pytest.LogCaptureFixture) -> N
         coarse = solid(estimate_error=True).simulate(pneunet(chambers=1), OBSERVATION)
     error = coarse.provenance["discretisation_error"]
     assert 0 < error["tip_mm"] <= error["largest_mm"] and error["kpa"] == 20
-    assert f"about {error['tip_mm']:.2g} mm elsewhere at 20 kPa" in caplog.text
+    assert f"lie {error['tip_mm']:.2g} mm elsewhere at 20 kPa" in caplog.text
     assert solid().simulate(pneunet(chambers=1), OBSERVATION).provenance["discretisation_error"] is None
 
 
