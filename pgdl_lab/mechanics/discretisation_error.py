@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LARGE_PERCENT = 2.0
-SOLVED_MM = 1e-2  # tolerance of the equilibrium on the finer mesh
+SOLVED_MM = 0.1  # tolerance of the equilibrium on the finer mesh
 END = 1e-6  # of the length: nodes so near to the largest x are the end of the finger
 
 
@@ -78,7 +78,8 @@ def estimate(coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: f
     Returns
     -------
     DiscretisationError | None
-        None when the displacement cannot be carried over: an element or a surface would be crossed.
+        None when there is no saying: the displacement cannot be carried over, as an element or a surface would be
+        crossed, or one step finds a large error and the equilibrium on the finer mesh is not found from there.
     """
     start = prolonged(coarse.solid.discretisation, fine.solid.discretisation, displacement)
     if fine.contact.active and fine.contact.penetrates(start):
@@ -95,13 +96,14 @@ def estimate(coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: f
     change[fine.free] = -solver.solve(forces[fine.free])
     positions = fine.solid.discretisation.positions
     error = DiscretisationError.of(positions, start, change, kpa, solved=False)
-    if error.tip_percent > LARGE_PERCENT:
-        try:
+    try:
+        if error.tip_percent > LARGE_PERCENT:
             change = solve(fine, solver, start + change, load, SOLVED_MM).displacement - start
             error = DiscretisationError.of(positions, start, change, kpa, solved=True)
-        except NoConvergence:
-            pass  # one step is all there is
-    solver.close()
+    except NoConvergence:
+        return None  # so far away, one step says nothing
+    finally:
+        solver.close()
     return error
 
 

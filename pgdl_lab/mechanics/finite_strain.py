@@ -227,13 +227,15 @@ class Model:
         """Estimated for the equilibrium at the highest pressure; None if none can be had."""
         highest, contact = history.branch.displacements[-1], self.equilibrium.contact
         touching = contact.active and contact.near(highest)
-        try:
-            fine = self.equilibrium_on(
-                refined(self.mesh), lambda on: self._contact(on, "on") if touching else NoContact()
-            )
-        except InputError:
-            return None  # contact reaches too far for the finer mesh
-        return estimate(self.equilibrium, fine, highest, history.reached_kpa)
+        with progress() as show:
+            show(0.0, "discretisation error")
+            try:
+                fine = self.equilibrium_on(
+                    refined(self.mesh), lambda on: self._contact(on, "on") if touching else NoContact()
+                )
+            except InputError:
+                return None  # contact reaches too far for the finer mesh
+            return estimate(self.equilibrium, fine, highest, history.reached_kpa)
 
     def contact_report(self, history: History) -> dict[str, Any]:
         """Whether contact acted, the smallest gap [mm] (None: none near) and the pressures [kPa] with penetration."""

@@ -104,8 +104,16 @@ class Solid(Fem):
         return snapshots
 
     def _discretisation_error(self, model: "Model", history: "History") -> dict[str, Any] | None:
-        error = model.discretisation_error(history) if self.estimate_error else None
-        if error is not None and error.tip_percent > COARSE_PERCENT:
+        if not self.estimate_error:
+            return None
+        error = model.discretisation_error(history)
+        if error is None:
+            _log.warning(
+                "The discretisation error could not be estimated, so it may be large: compare with another "
+                "fem.edge_mm=%g, or choose fem.element=auto.",
+                self.edge_mm,
+            )
+        elif error.tip_percent > COARSE_PERCENT:
             _log.warning(
                 "On a mesh with half the edges the tip would lie %.2g mm elsewhere at %.4g kPa, %.2g %% of its "
                 "displacement: lower fem.edge_mm=%g if that matters.",
