@@ -20,14 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hydra import compose, initialize_config_dir
 from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths, registry
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.latency import latency_ms
-from pgdl_lab.cli import store_choices
+from pgdl_lab.cli import experiment
 from pgdl_lab.errors import LabError
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.files import replacing
@@ -56,8 +55,7 @@ class Trial:
         choices += ["experiment=paper_random"] if self.model == PAPER else [f"model={self.model}"]
         if self.budget_s is not None:
             choices.append(f"trainer.max_time={self.budget_s:g}")
-        with initialize_config_dir(str(paths.CONF), version_base=None):
-            return Experiment.from_config(compose("config", choices))
+        return experiment(choices)
 
     def result(self, only_found: bool) -> dict[str, Any] | None:
         """What it shows: from the disk if it was run before, None if it was not and only what is there counts."""
@@ -230,7 +228,7 @@ def draw(lines: list[Row]) -> None:
 
 def main() -> None:
     """Run what is missing, print the table, draw the figure."""
-    store_choices()
+    registry.discover()
     names = [*registry.names("model"), PAPER]
     parser = argparse.ArgumentParser(description="Every model on every finger and split.")
     parser.add_argument("--finger", action="append", choices=FINGERS)

@@ -11,16 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from hydra import compose, initialize_config_dir
 from numpy.typing import NDArray
-from omegaconf import OmegaConf
 from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths, registry
-from pgdl_lab.cli import store_choices
+from pgdl_lab.cli import experiment
 from pgdl_lab.files import replacing
-from pgdl_lab.finger import Finger
 from pgdl_lab.snapshots import Observation, Snapshots
 
 FINGERS = ("joints", "bellows", "pneunet_calibrated", "pneunet")
@@ -56,21 +53,14 @@ class Result:
         return cls(coarse.pressures_kpa, difference, moved, coarse.provenance["discretisation_error"], times)
 
 
-def configured(name: str) -> Finger:
-    """The finger that `finger=name` stands for."""
-    with initialize_config_dir(str(paths.CONF), version_base=None):
-        finger = OmegaConf.to_object(compose("config", [f"finger={name}"]).finger)
-    assert isinstance(finger, Finger)
-    return finger
-
-
 def main() -> None:
     """Simulate what is not in the cache, print the table, draw the figure."""
-    store_choices()
+    registry.discover()
     solid, results = registry.plugin("fem", "solid")(), {}
     finer = replace(solid, edge_mm=solid.edge_mm / 2, estimate_error=False)
     for name in FINGERS:
-        finger, observation, store = configured(name), Observation(), paths.RUNS / "snapshots"
+        finger = experiment([f"finger={name}"]).finger
+        observation, store = Observation(), paths.RUNS / "snapshots"
         coarse, fine = (cache.simulate(finger, fem, observation, store)[0] for fem in (solid, finer))
         results[name] = Result.of(coarse, fine)
     table = Table(title="Tip at the highest pressure: default mesh against half the edges")

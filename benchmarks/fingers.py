@@ -13,17 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hydra import compose, initialize_config_dir
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cli, paths
+from pgdl_lab import paths
 from pgdl_lab.assessment.figures import STYLE
 from pgdl_lab.assessment.paper import published
 from pgdl_lab.cache import simulate
+from pgdl_lab.cli import experiment
 from pgdl_lab.errors import LabError
-from pgdl_lab.experiment import Experiment
 from pgdl_lab.snapshots import Body, Snapshots
 
 FINGERS = {"pneunet": "pneunet_calibrated", "joints": "joints", "bellows": "bellows"}
@@ -38,12 +37,6 @@ COLOURS = "viridis"
 REST = "0.88"
 
 Array = NDArray[np.float64]
-
-
-def experiment(choice: str) -> Experiment:
-    """What `python -m pgdl_lab finger=CHOICE` would run."""
-    with initialize_config_dir(str(paths.CONF), version_base="1.3"):
-        return Experiment.from_config(compose("config", overrides=[f"finger={choice}"]))
 
 
 def rows(table: Table, finger: str, snapshots: Snapshots) -> None:
@@ -148,7 +141,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="The three fingers beside the paper's FEA.")
     parser.add_argument("--fresh", action="store_true", help="leave the cache aside")
     chosen = parser.parse_args()
-    cli.store_choices()
     table = Table(title="The paper's FEA and fem=solid, extremes in mm")
     for column in ("", "", "paper", "ours", "difference", "relative", "elements", "seconds", "discretisation error"):
         table.add_column(column, justify="right" if column else "left")
@@ -156,7 +148,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         kept = Path(folder) if chosen.fresh else paths.RUNS / "snapshots"
         for finger, choice in FINGERS.items():
-            made = experiment(choice)
+            made = experiment([f"finger={choice}"])
             all_snapshots[finger], _, _ = simulate(made.finger, made.fem, made.observation, kept)
             rows(table, finger, all_snapshots[finger])
     Console(width=120).print(table)

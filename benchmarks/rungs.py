@@ -11,15 +11,12 @@ import os
 from dataclasses import dataclass
 
 import numpy as np
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths, registry
-from pgdl_lab.cli import store_choices
+from pgdl_lab.cli import experiment
 from pgdl_lab.fem import Fem
-from pgdl_lab.finger import Finger
 from pgdl_lab.snapshots import Observation, Snapshots
 
 FINGERS = ("pneunet", "pneunet_calibrated", "joints", "bellows")
@@ -43,23 +40,15 @@ class Error:
         return cls(float(distance[tip]), float(np.sqrt((distance**2).mean())), float(moved))
 
 
-def configured(name: str) -> Finger:
-    """The finger that `finger=name` stands for."""
-    with initialize_config_dir(str(paths.CONF), version_base=None):
-        finger = OmegaConf.to_object(compose("config", [f"finger={name}"]).finger)
-    assert isinstance(finger, Finger)
-    return finger
-
-
 def main() -> None:
     """Print the table."""
-    store_choices()
+    registry.discover()
     observation, solid = Observation(), registry.plugin("fem", "solid")()
     table = Table(title="Cheap models against the solid, at half and full pressure")
     for column in ("finger", "model", "kPa", "tip (mm)", "of the way", "rms (mm)", "time (s)", "solid / model"):
         table.add_column(column, justify="right" if column not in ("finger", "model") else "left", no_wrap=True)
     for name in FINGERS:
-        finger = configured(name)
+        finger = experiment([f"finger={name}"]).finger
         reference, _, _ = cache.simulate(finger, solid, observation, paths.RUNS / "snapshots")
         for rung in RUNGS:
             fem: Fem = registry.plugin("fem", rung)()

@@ -8,10 +8,12 @@ import pkgutil
 import signal
 import sys
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import hydra
+from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -64,6 +66,19 @@ def store_choices() -> None:
     store_schema()
     for module in pkgutil.iter_modules(pgdl_lab.tasks.__path__):
         ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
+
+
+def experiment(choices: Sequence[str]) -> Experiment:
+    """What `python -m pgdl_lab CHOICES` would run, for scripts.
+
+    Raises
+    ------
+    InputError
+        If a value lies outside its limits.
+    """
+    store_choices()
+    with initialize_config_dir(str(CONF), version_base=None):
+        return Experiment.from_config(compose("config", list(choices)))
 
 
 def job(config: DictConfig) -> Any:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from numpy import float64
 from omegaconf import OmegaConf
 
 from pgdl_lab.errors import InputError, LabError
@@ -33,7 +34,7 @@ def test_quick_benchmarks_pass_and_are_written_down(lab: Lab, tmp_path: Path) ->
 
 def test_failures_are_told_and_do_not_hide_other_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def checks(quick: bool) -> Iterator[Check]:
-        yield Check("good [mm]", 1.0, 1.05, 0.1, "made up")
+        yield Check("good [mm]", 1.0, 1.05, float64(0.1), "made up")
         yield Check("bad [mm]", 1.0, float("nan"), 0.1, "made up")
         raise RuntimeError("broken")
 

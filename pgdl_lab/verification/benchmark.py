@@ -33,7 +33,7 @@ class Check:
     @property
     def passed(self) -> bool:
         """Whether the difference is within the tolerance; not a number never is."""
-        return abs(self.obtained - self.reference) <= self.tolerance
+        return bool(abs(self.obtained - self.reference) <= self.tolerance)  # also of NumPy's numbers, for the JSON file
 
 
 @dataclass(frozen=True)
