@@ -203,10 +203,11 @@ def note_job(
 
 
 def close_killed(folder: Path) -> None:
-    """End the run of a job whose process was killed, if it had one."""
+    """End the run of a trial whose process was killed, if it had one; its folder has the trial's number for a name."""
     client, _ = _connect()
     run_id = _known_run(client, folder)
     if run_id is not None:
+        client.set_tag(run_id, "trial", folder.name)
         client.set_tag(run_id, "trial_state", "killed")
         client.set_terminated(run_id, "KILLED")
 
