@@ -204,12 +204,12 @@ def note_job(
 
 def close_killed(folder: Path) -> None:
     """End the run of a trial whose process was killed, if it had one; its folder has the trial's number for a name."""
-    client, _ = _connect()
-    run_id = _known_run(client, folder)
-    if run_id is not None:
-        client.set_tag(run_id, "trial", folder.name)
-        client.set_tag(run_id, "trial_state", "killed")
-        client.set_terminated(run_id, "KILLED")
+    client, experiment_id = _connect()
+    # By its tag: killed as it was made, it has left no file with its number.
+    for run in client.search_runs([experiment_id], f"tags.folder = '{folder}'"):
+        client.set_tag(run.info.run_id, "trial", folder.name)
+        client.set_tag(run.info.run_id, "trial_state", "killed")
+        client.set_terminated(run.info.run_id, "KILLED")
 
 
 def _connect() -> tuple[MlflowClient, str]:

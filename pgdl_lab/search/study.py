@@ -135,13 +135,13 @@ class SharedStudy:
         exhausted = self.study.user_attrs.get(EXHAUSTED, False) and not self.trials(TrialState.WAITING)
         return exhausted or len(self.ended()) >= self.settings.n_trials
 
-    def claim(self, recover: Callable[[int], list[float] | None]) -> list[Claim]:
+    def claim(self, recover: Callable[[FrozenTrial], list[float] | None]) -> list[Claim]:
         """Trials for this worker to run next; none if others run all that are left.
 
         Parameters
         ----------
         recover
-            The values of a killed worker's trial, by its number, or None if the trial had not come to its end.
+            The values of a killed worker's trial, or None if the trial had not come to its end.
 
         Raises
         ------
@@ -172,18 +172,17 @@ class SharedStudy:
             arguments["seed"] = int(state[0])
         return quietly(instantiate, arguments)
 
-    def _take_up_lost(self, recover: Callable[[int], list[float] | None]) -> None:
+    def _take_up_lost(self, recover: Callable[[FrozenTrial], list[float] | None]) -> None:
         """Put trials of workers that are gone back into the queue, or keep their values if they had come to an end."""
         for trial in self.trials(TrialState.RUNNING):
             if self._lives(trial.user_attrs.get(WORKER)):
                 continue
-            values = recover(trial.number) if WORKER in trial.user_attrs else None
+            values = recover(trial) if WORKER in trial.user_attrs else None
             if values is not None:
                 self.study.tell(trial.number, values)
                 continue
-            begun = WORKER in trial.user_attrs
-            params = trial.params if begun else trial.system_attrs.get("fixed_params")
-            if params is not None:
+            # What was drawn already is kept, also of a trial that was lost while its parameters were being drawn.
+            if params := {**trial.system_attrs.get("fixed_params", {}), **trial.params}:
                 self._enqueue(trial, params)
             self.study._storage.set_trial_user_attr(trial._trial_id, LOST, "its worker was killed")
             self.study.tell(trial.number, state=TrialState.FAIL)

@@ -18,6 +18,7 @@ from hydra.core.plugins import Plugins
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
+from optuna.trial import FrozenTrial
 from threadpoolctl import threadpool_limits
 
 from pgdl_lab import tracking
@@ -29,7 +30,7 @@ from pgdl_lab.search.report import report
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import Space, parse
 from pgdl_lab.search.storage import open_storage
-from pgdl_lab.search.study import Claim, SharedStudy
+from pgdl_lab.search.study import OVERRIDES, Claim, SharedStudy
 from pgdl_lab.search.trial import PRUNED, Ticket
 
 _log = logging.getLogger(__name__)
@@ -150,10 +151,15 @@ class Search:
                 unusable, problem = error, str(error)
             except LabError as error:
                 problem = str(error)
-        shared.tell(claim, values, problem)
+        self._note(number, claim.overrides, values, problem)
+        shared.tell(claim, values, problem)  # last: a worker that is killed before leaves a trial to be taken up
+        if unusable is not None:
+            raise unusable
+
+    def _note(self, number: int, overrides: list[str], values: list[float] | None, problem: str | None) -> None:
+        """Tell the log and MLflow how a trial ended; as `SharedStudy.tell`."""
         state = "complete" if values else "failed" if problem else "pruned"
-        names = self.settings.directions
-        found = dict(zip(names, values or [], strict=True)) if values else {}
+        found = dict(zip(self.settings.directions, values, strict=True)) if values else {}
         told = problem or ", ".join(f"{name} {value:.4g}" for name, value in found.items())
         _log.info("Trial %d %s%s", number, state, f": {told}" if told else "")
         tracking.note_job(
@@ -162,21 +168,21 @@ class Search:
             {"complete": "FINISHED", "failed": "FAILED", "pruned": "KILLED"}[state],
             {"trial": str(number), "trial_state": state, **({"error": problem} if problem else {})},
             found,
-            claim.overrides,
+            overrides,
         )
-        if unusable is not None:
-            raise unusable
 
     def _values(self, number: int) -> list[float]:
         return objectives.values(self._trial_folder(number), self.settings.directions, self.settings.targets)
 
-    def _recover(self, number: int) -> list[float] | None:
-        """Values of a trial whose worker was killed after the end of the job; its MLflow run is closed otherwise."""
+    def _recover(self, trial: FrozenTrial) -> list[float] | None:
+        """Values of a trial whose worker was killed after the end of the job; its MLflow run is closed in any case."""
         try:
-            return self._values(number)
+            values = self._values(trial.number)
         except LabError:
-            tracking.close_killed(self._trial_folder(number))
+            tracking.close_killed(self._trial_folder(trial.number))
             return None
+        self._note(trial.number, trial.user_attrs[OVERRIDES], values, None)
+        return values
 
     def _trial_folder(self, number: int) -> Path:
         return self.folder / str(number)

@@ -73,12 +73,12 @@ def trials(root: Path, study: str = "search") -> list[FrozenTrial]:
 
 
 def runs(root: Path, study: str = "search") -> tuple[Run, dict[str, Run]]:
-    """The parent run in MLflow and its children by their trial; one killed as it was made may not know its own."""
+    """The parent run in MLflow and its children by their trial."""
     client = MlflowClient(f"sqlite:///{root}/mlflow.db")
     parent = client.get_run((root / "runs" / study / "mlflow_run_id").read_text())
     found = client.search_runs([parent.info.experiment_id])
     mine = [run for run in found if run.data.tags.get("mlflow.parentRunId") == parent.info.run_id]
-    return parent, {run.data.tags["trial"]: run for run in mine if "trial" in run.data.tags}
+    return parent, {run.data.tags["trial"]: run for run in mine}
 
 
 def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(lab: Lab, toy: Path) -> None:
@@ -126,7 +126,6 @@ def ended(found: list[FrozenTrial]) -> list[FrozenTrial]:
     return [trial for trial in found if trial.state.is_finished() and LOST not in trial.user_attrs]
 
 
-@pytest.mark.xfail(strict=False, reason="fails once in some fifteen runs, from a cause that is not found yet")
 def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
     toy: Path, workers: list[subprocess.Popen[bytes]]
 ) -> None:
@@ -155,7 +154,8 @@ def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
     found = trials(toy)
     assert len(ended(found)) == 12
     assert {trial.state for trial in ended(found)} == {TrialState.COMPLETE}
-    lost = {trial.number: trial.params for trial in found if LOST in trial.user_attrs}
+    drawn = {trial.number: {**trial.system_attrs.get("fixed_params", {}), **trial.params} for trial in found}
+    lost = {trial.number: drawn[trial.number] for trial in found if LOST in trial.user_attrs}
     retried = {trial.user_attrs[RETRY_OF]: trial.params for trial in found if RETRY_OF in trial.user_attrs}
     assert all(lost[number] == params for number, params in retried.items())
     assert {number for number, params in lost.items() if params} == set(retried)

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from optuna.trial import TrialState
+from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.search.settings import SearchSettings
@@ -18,7 +18,7 @@ def opened(folder: Path, typed: str = "x=interval(0,1)", config: Any = None, **f
     return SharedStudy(folder, settings, open_storage(None, folder), parse({}, [typed]), config or {"seed": 0})
 
 
-def nothing(number: int) -> None:
+def nothing(trial: FrozenTrial) -> None:
     return None
 
 
@@ -41,7 +41,7 @@ def test_what_a_killed_worker_ran_is_run_again_or_kept_if_it_had_ended(tmp_path:
     killed, other = opened(tmp_path, batch=2), opened(tmp_path)
     lost, ended = killed.claim(nothing)
     killed._alive.release()  # what the kernel does
-    (again,) = other.claim(lambda number: [5.0] if number == ended.trial.number else None)
+    (again,) = other.claim(lambda trial: [5.0] if trial.number == ended.trial.number else None)
     assert again.trial.user_attrs[RETRY_OF] == lost.trial.number
     assert again.trial.params == lost.trial.params
     states = [trial.state for trial in other.trials()]
@@ -55,6 +55,19 @@ def test_a_trial_that_was_never_begun_is_dropped(tmp_path: Path) -> None:
     study.study.ask()  # killed before it was given to a worker
     (claim,) = study.claim(nothing)
     assert claim.trial.number == 1
+    assert study.ended() == []
+
+
+def test_a_trial_that_was_lost_while_it_was_drawn_is_run_as_it_was_drawn(tmp_path: Path) -> None:
+    study = opened(tmp_path, "x=interval(0,1)")
+    study.study.enqueue_trial({"x": 0.25})
+    study.study.ask()  # killed before x is read from the queue
+    study.study.ask().suggest_float("x", 0, 1)  # killed before it was given to a worker
+    drawn = study.trials()[1].params
+    (first,), (second,) = study.claim(nothing), study.claim(nothing)
+    assert first.trial.params == {"x": 0.25}
+    assert second.trial.params == drawn
+    assert [claim.trial.user_attrs[RETRY_OF] for claim in (first, second)] == [0, 1]
     assert study.ended() == []
 
 
