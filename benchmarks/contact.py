@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import registry
+from pgdl_lab.cli import experiment
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.skin import sampled, skin
@@ -37,8 +37,8 @@ REPEATS = 3
 
 def thin_walled() -> Finger:
     """The finger whose chambers touch."""
-    finger: Finger = registry.plugin("finger", "pneunet")(wall_mm=1.5, side_wall_mm=1.5, gap_mm=0.5)
-    return finger
+    thin = ["finger.wall_mm=1.5", "finger.side_wall_mm=1.5", "finger.gap_mm=0.5"]
+    return experiment(["finger=pneunet_reference", *thin]).finger
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def inflate(mode: str) -> Inflation:
 
 def overhead() -> dict[str, float]:
     """Median time of the load path of the finger with default dimensions [s], by mode of contact."""
-    finger: Finger = registry.plugin("finger", "pneunet")()
+    finger = experiment([]).finger
     times: dict[str, list[float]] = {"off": [], "auto": []}
     for _ in range(REPEATS):
         for mode, taken in times.items():
@@ -152,7 +152,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figure", type=Path, default=Path("docs/figures/contact.png"))
     arguments = parser.parse_args()
-    registry.discover()
     inflations = {mode: inflate(mode) for mode in ("auto", "off")}
     table = Table(
         "contact",

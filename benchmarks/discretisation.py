@@ -20,7 +20,7 @@ from pgdl_lab.cli import experiment
 from pgdl_lab.files import replacing
 from pgdl_lab.snapshots import Observation, Snapshots
 
-FINGERS = ("joints", "bellows", "pneunet_calibrated", "pneunet")
+FINGERS = ("joints", "bellows", "pneunet", "pneunet_reference")
 FIGURE = paths.ROOT / "docs" / "figures" / "discretisation.png"
 
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import paths, registry
+from pgdl_lab import paths
+from pgdl_lab.cli import experiment
 from pgdl_lab.files import replacing
 from pgdl_lab.finger import ExtrudedFinger, Finger
 from pgdl_lab.mechanics.equilibrium import Load
@@ -89,9 +90,10 @@ class Meshed:
         return graded
 
 
-def meshed(finger: ExtrudedFinger, case: Case) -> Finger:
-    """`finger`, to be meshed as `case` says."""
-    return cast(Finger, Meshed(finger, case))
+def meshed(case: Case, *choices: str) -> Finger:
+    """The reference finger with other `choices`, to be meshed as `case` says."""
+    finger = experiment(["finger=pneunet_reference", *choices]).finger
+    return cast(Finger, Meshed(cast(ExtrudedFinger, finger), case))
 
 
 def grade(values: Array, lines: Array) -> Array:
@@ -117,7 +119,7 @@ def tip(model: Model) -> int:
 
 def linear_sag(case: Case) -> tuple[list[float], int]:
     """Displacement of the tip [mm] in a linear solve under the weight, and the number of unknowns."""
-    model = Model(meshed(registry.plugin("finger", "pneunet")(), case), COARSE_MM, case.element)
+    model = Model(meshed(case), COARSE_MM, case.element)
     sag, free = np.zeros_like(model.equilibrium.weight), model.equilibrium.free
     balance = model.equilibrium.balance(sag, Load(1.0, 0.0), stiffness=True)
     assert balance.stiffness is not None
@@ -129,8 +131,8 @@ def linear_sag(case: Case) -> tuple[list[float], int]:
 
 def full_pressure(case: Case) -> tuple[list[float], int]:
     """Displacement of the tip [mm] at the highest pressure, and the number of unknowns."""
-    finger = registry.plugin("finger", "pneunet")(chambers=3)
-    model = Model(meshed(finger, case), COARSE_MM, case.element)
+    finger = meshed(case, "finger.chambers=3")
+    model = Model(finger, COARSE_MM, case.element)
     history = model.load(np.array([finger.max_kpa]), NEWTON_MM, INTERPOLATION_MM)
     return history.branch.displacements[-1][tip(model), [0, 2]].tolist(), int(model.equilibrium.free.sum())
 
@@ -169,7 +171,6 @@ def extrapolated(values: Array, edges_mm: tuple[float, ...]) -> tuple[Array, flo
 
 def main() -> None:
     """Measure what is not in the store, print the tables, draw the figure."""
-    registry.discover()
     console, charts = Console(width=110), {}
     for scene in SCENES:
         rows = {case.label: (case, measured(scene, case)) for case in cases(FINE_MM[scene])}

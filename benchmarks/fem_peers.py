@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import registry
+from pgdl_lab.cli import experiment
 from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
@@ -86,8 +87,7 @@ def main() -> None:
     parser.add_argument("--edge-mm", type=float, default=3.0, help="longest element edge")
     parser.add_argument("--snapshots", type=int, default=30, help="number of equal pressure sub-steps")
     chosen = parser.parse_args()
-    registry.discover()
-    finger: Finger = registry.plugin("finger", "pneunet")(max_kpa=chosen.kpa)
+    finger = experiment(["finger=pneunet_reference", f"finger.max_kpa={chosen.kpa}"]).finger
     observation = Observation(snapshots=chosen.snapshots)
     calculix.program()
     solid = registry.plugin("fem", "solid")(edge_mm=chosen.edge_mm, element="hex20", estimate_error=False)

@@ -25,8 +25,6 @@ from pgdl_lab.cli import experiment
 from pgdl_lab.errors import LabError
 from pgdl_lab.snapshots import Body, Snapshots
 
-FINGERS = {"pneunet": "pneunet_calibrated", "joints": "joints", "bellows": "bellows"}
-"""Finger of the paper and what is typed after `finger=` for it."""
 TITLES = {"pneunet": "PneuNets finger", "joints": "Finger with local bending joints", "bellows": "Bellows finger"}
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "fingers.png"
 
@@ -147,8 +145,8 @@ def main() -> None:
     all_snapshots = {}
     with tempfile.TemporaryDirectory() as folder:
         kept = Path(folder) if chosen.fresh else paths.RUNS / "snapshots"
-        for finger, choice in FINGERS.items():
-            made = experiment([f"finger={choice}"])
+        for finger in TITLES:
+            made = experiment([f"finger={finger}"])
             all_snapshots[finger], _, _ = simulate(made.finger, made.fem, made.observation, kept)
             rows(table, finger, all_snapshots[finger])
     Console(width=120).print(table)

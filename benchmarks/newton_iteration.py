@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 from skfem.helpers import ddot
 
-from pgdl_lab import registry
+from pgdl_lab.cli import experiment
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.equilibrium import Load
@@ -125,9 +125,8 @@ def measure(element: str, finger: Finger) -> list[str]:
 
 def main() -> None:
     """Print the table."""
-    registry.discover()
-    finger: Finger = registry.plugin("finger", "pneunet")()
-    table = Table(title="One Newton iteration of pneunet, elements of 3 mm, median milliseconds")
+    finger = experiment(["finger=pneunet_reference"]).finger
+    table = Table(title="One Newton iteration of pneunet_reference, elements of 3 mm, median milliseconds")
     for column in ("element", "unknowns", "assembly", "factors", "solve", "search", "skfem forms", "ratio"):
         table.add_column(column, justify="right", no_wrap=True)
     for element in ("hex20", "hex27", "hex27_p1"):

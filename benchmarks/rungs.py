@@ -19,7 +19,7 @@ from pgdl_lab.cli import experiment
 from pgdl_lab.fem import Fem
 from pgdl_lab.snapshots import Observation, Snapshots
 
-FINGERS = ("pneunet", "pneunet_calibrated", "joints", "bellows")
+FINGERS = ("pneunet", "pneunet_reference", "joints", "bellows")
 RUNGS = ("rod", "section")
 
 

@@ -4,9 +4,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from omegaconf import OmegaConf
 from skfem import MeshHex, MeshTet
 
-from pgdl_lab import registry
+from pgdl_lab import paths, registry
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.material import Yeoh
@@ -14,12 +15,14 @@ from pgdl_lab.snapshots import Observation
 
 registry.discover()
 
+REFERENCE: dict[str, Any] = OmegaConf.to_container(OmegaConf.load(paths.CONF / "finger" / "pneunet_reference.yaml"))
+del REFERENCE["defaults"]
 OBSERVATION = Observation(snapshots=10, points=800)
 
 
 def pneunet(**fields: Any) -> Finger:
-    """A finger of two chambers up to 20 kPa, or with other `fields`."""
-    finger: Finger = registry.plugin("finger", "pneunet")(**{"chambers": 2, "max_kpa": 20.0, **fields})
+    """The reference finger, but of two chambers and up to 20 kPa, or with other `fields`."""
+    finger: Finger = registry.plugin("finger", "pneunet")(**{**REFERENCE, "chambers": 2, "max_kpa": 20.0, **fields})
     return finger
 
 

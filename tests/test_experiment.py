@@ -64,7 +64,7 @@ def test_a_stored_configuration_without_the_law_has_that_of_the_finger(tmp_path:
         (["finger=joints", "finger.material.c2_mpa=0.1"], Yeoh(c1_mpa=0.5056, c2_mpa=0.1, c3_mpa=0.002562)),
         (["finger=joints", "finger/material=yeoh"], Yeoh()),
         (["finger=pneunet", "finger/material=joints"], Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562)),
-        (["finger=pneunet_calibrated", "finger.material.poisson=0.48"], Yeoh(poisson=0.48)),
+        (["finger=pneunet_reference", "finger.material.poisson=0.48"], Yeoh(poisson=0.48)),
     ],
 )
 def test_a_finger_is_of_its_own_material_unless_another_is_typed(typed: list[str], wanted: Yeoh) -> None:

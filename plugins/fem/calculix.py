@@ -32,8 +32,8 @@ class Calculix(Fem):
         Longest element edge [mm].
     tolerance
         Largest last correction of an increment as a fraction of the increment [–]. CalculiX's own default leaves
-        errors of some 0.1 % on `finger=pneunet`; 1e-5 leaves a tenth of that, but takes many times as long and fails
-        at a lower pressure.
+        errors of some 0.1 % on `finger=pneunet_reference`; 1e-5 leaves a tenth of that, but takes many times as long
+        and fails at a lower pressure.
     timeout_s
         Longest time that CalculiX may take [s].
     """

@@ -17,8 +17,10 @@ class Pneunet(ExtrudedFinger):
 
     From the paper: Table I, the material (Yeoh, C₁ = 0.11 MPa, C₂ = 0.02 MPa, ν = 0.49) and the highest pressure. From
     the literature: the density, that of the silicone Elastosil M 4601 by its data sheet, to which these coefficients
-    belong. Round values chosen by us: base, bridge, width and side walls. `finger=pneunet_calibrated` has those
-    calibrated to the paper's extremes, by `python examples/calibrate.py pneunet --trials 12`.
+    belong. Calibrated: `root_mm`, `base_mm`, `bridge_mm` and `width_mm`, by a search for the extremes of the paper's
+    FEA at 50 kPa (u_x −63.426 … 11.234 mm, u_z −105.24 … 0.25 mm); the search left u_z at −107.71 mm, and the width was
+    then taken from 13.3 to 13.2 mm to share that out: u_x −62.52 … 11.19 mm, u_z −107.02 … 0.17 mm. Many other choices
+    meet these extremes too. Chosen: the side walls, as thick as the others. `finger=pneunet_reference`: round values.
 
     Attributes
     ----------
@@ -31,26 +33,29 @@ class Pneunet(ExtrudedFinger):
     gap_mm
         Distance between neighbouring chambers, s (Table I) [mm].
     height_mm
-        Height of the network above the base, from the channel's floor to the roof's outside, h (Table I) [mm].
+        Height of the network above the base, from the channel's floor to the roof's outside: h = 14 mm of Table I, read
+        as the inner height, and the roof [mm].
     channel_mm
         Height of the channel that joins the chambers, d (Table I) [mm].
     base_mm
-        Thickness below the channel (left open by the paper) [mm].
+        Thickness below the channel (left open by the paper, calibrated) [mm].
     bridge_mm
-        Thickness of the solid above the channel, between the chambers, down to which the gaps are cut (left open) [mm].
+        Thickness of the solid above the channel, between the chambers, down to which the gaps are cut (left open,
+        calibrated) [mm].
     root_mm, tip_mm
-        Solid blocks before the first and after the last chamber (left open) [mm].
+        Solid blocks before the first (calibrated) and after the last chamber (none), left open [mm].
     """
 
+    width_mm: float = 13.2
     chambers: int = 10
     chamber_length_mm: float = 10.5
     wall_mm: float = 3.0
     gap_mm: float = 1.0
-    height_mm: float = 14.0
+    height_mm: float = 17.0
     channel_mm: float = 2.0
-    base_mm: float = 3.0
-    bridge_mm: float = 3.0
-    root_mm: float = 0.0
+    base_mm: float = 5.55
+    bridge_mm: float = 2.1
+    root_mm: float = 3.55
     tip_mm: float = 0.0
 
     def __post_init__(self) -> None:

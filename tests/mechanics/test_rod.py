@@ -1,11 +1,11 @@
 import numpy as np
 
-from pgdl_lab import registry
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.lattice import Lattice
 from pgdl_lab.mechanics.profile import Profile, Region
 from pgdl_lab.mechanics.rod import Rod, Sections
 from pgdl_lab.mechanics.segments import between, columns, cuts
+from tests.fingers import pneunet
 
 RANDOM = np.random.default_rng(0)
 
@@ -48,8 +48,7 @@ def test_strains_do_not_see_rigid_motion() -> None:
 
 
 def test_fingers_are_cut_in_gaps_and_long_columns() -> None:
-    registry.discover()
-    profile = registry.plugin("finger", "pneunet")(chambers=2, root_mm=20.0).profile()
+    profile = pneunet(root_mm=20.0).profile()
     np.testing.assert_allclose(cuts(profile), [0, 11.5, 31, 42])  # block and wall are one column of 23 mm
     piece = between(profile, 11.5, 31)
     assert [stop - start for start, stop, _ in columns(piece)] == [11.5, 4.5, 3.0, 0.5]
