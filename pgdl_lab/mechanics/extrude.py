@@ -32,7 +32,7 @@ def extrude(profile: Profile, half_width_mm: float, side_wall_mm: float, edge_mm
     facets = mesh.boundary_facets()
     middle = mesh.p[:, mesh.facets[:, facets]].mean(axis=1)
     owner = mesh.p[:, mesh.t[:, mesh.f2t[0, facets]]].mean(axis=1)
-    x, y, z = 2 * middle - owner  # a point beyond each facet, outside the body
+    x, y, z = middle + 1e-3 * (middle - owner)  # just beyond each facet, however thin the cavity and thick the element
     in_cavity = (profile.region(x, z) == Region.CAVITY) & (y > 0) & (y < inner_mm)
     return mesh.with_boundaries(
         {

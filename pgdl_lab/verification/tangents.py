@@ -73,8 +73,9 @@ def tangents(quick: bool) -> Iterator[Check]:
 
     contact = Contact(mesh, REACH_MM, finger.material.shear_modulus_mpa, "on")
     x, _, z = mesh.positions.T
+    middle = finger.root_mm + finger.chamber_length_mm + GAP_MM / 2
     bottom = finger.base_mm + finger.channel_mm + finger.bridge_mm  # of the gap
-    tilt = np.where(x > finger.chamber_length_mm + GAP_MM / 2, np.maximum(z - bottom, 0) / (z.max() - bottom), 0.0)
+    tilt = np.where(x > middle, np.maximum(z - bottom, 0) / (z.max() - bottom), 0.0)
     closed = tilt[:, None] * [0.6 * REACH_MM - GAP_MM, 0.0, 0.21] + 0.05 * at
     touch = contact.response(closed, hessian=True)
     assert touch.stiffness is not None

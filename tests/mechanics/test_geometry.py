@@ -40,20 +40,21 @@ def test_mesh_of_the_reference_finger() -> None:
     assert volume == pytest.approx(section * 8 - cavities * 5)
 
 
-def test_boundaries_hold_all_their_facets() -> None:
-    finger = pneunet()
-    mesh = finger.mesh(3.0)
+@pytest.mark.parametrize("edge_mm", [3.0, 8.0])  # larger than cavities and walls are thick
+def test_boundaries_hold_all_their_facets(edge_mm: float) -> None:
+    finger = pneunet(base_mm=7.0)
+    mesh = finger.mesh(edge_mm)
 
     def surface(name: str) -> float:
         corners = mesh.p[:, mesh.facets[:, mesh.boundaries[name]]]
         extent = np.sort(corners.max(axis=1) - corners.min(axis=1), axis=0)
         return float((extent[1] * extent[2]).sum())
 
-    assert surface("clamp") == pytest.approx(17 * 8)
+    assert surface("clamp") == pytest.approx(21 * 8)
     perimeter = 2 * (2 * (4.5 + 11) - 2) + 2 * 7  # two chambers less the mouths of the channel, and the channel [mm]
     cavity = 2 * 4.5 * 11 + 7 * 2
     assert surface("cavity") == pytest.approx(perimeter * 5 + cavity)
-    assert surface("symmetry") == pytest.approx(2 * 10.5 * 17 + 8 - cavity)
+    assert surface("symmetry") == pytest.approx(2 * 10.5 * 21 + 12 - cavity)
 
 
 @pytest.mark.parametrize("count", [800, 1001, 4439])
