@@ -16,6 +16,8 @@ import json
 import tempfile
 import time
 from dataclasses import asdict, dataclass
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +62,7 @@ class Trial:
     def result(self, only_found: bool) -> dict[str, Any] | None:
         """What it shows: from the disk if it was run before, None if it was not and only what is there counts."""
         experiment = self.experiment()
-        parts = [experiment.model, experiment.split, *experiment.loss.values()]
+        parts = [experiment.finger, experiment.fem, experiment.model, experiment.split, *experiment.loss.values()]
         settings = {
             "trial": asdict(self), "parts": [registry.describe(part) for part in parts],
             "rule": asdict(experiment.optimizer), "budget": asdict(experiment.trainer),
@@ -126,11 +128,7 @@ class Row:
 
     def median(self, *keys: str) -> float:
         """Median of the number that lies under `keys`."""
-        values = []
-        for value in self.good:
-            for key in keys:
-                value = value[key]
-            values.append(float(value))  # type: ignore[arg-type]
+        values: list[Any] = [reduce(getitem, keys, result) for result in self.good]
         return float(np.median(values)) if values else float("nan")
 
     def worst(self, axis: str) -> float:
