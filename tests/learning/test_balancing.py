@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -73,6 +74,6 @@ def test_balanced_training_resumes_where_it_stood(rule: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("fields", [{"rule": "ntk"}, {"every": 0}, {"memory": 1.0}, {"memory": float("nan")}])
-def test_nonsense_is_refused(fields: dict[str, object]) -> None:
+def test_nonsense_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
-        BalancingSettings(**fields)  # type: ignore[arg-type]
+        BalancingSettings(**fields)

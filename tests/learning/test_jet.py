@@ -1,5 +1,7 @@
 """Closed-form derivatives against automatic differentiation and against derivatives by hand, in float64."""
 
+from pathlib import Path
+
 import pytest
 import torch
 from torch import Tensor, nn
@@ -123,7 +125,7 @@ def test_unknown_layer_is_differentiated_and_trains() -> None:
     assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in layers.parameters())
 
 
-def test_derivatives_are_physical_whatever_the_scaling(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_derivatives_are_physical_whatever_the_scaling(tmp_path: Path) -> None:
     """A network of one sine, scaled in and out, against its derivatives by hand."""
     model = plugin("model", "mlp")(depth=1, width=1, activation="sin", dtype="float64", interval=[0.0, 1.0])
     field = model.new_field(training(tmp_path, {"data": {}}))

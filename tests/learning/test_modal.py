@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -10,12 +12,12 @@ discover()
 
 
 @pytest.fixture(scope="module")
-def field(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+def field(tmp_path_factory: pytest.TempPathFactory) -> Any:
     model = plugin("model", "body")(modes=16, depth=1, width=8, degree=3, dtype="float64")
     return model.new_field(training(tmp_path_factory.mktemp("modal"), {"data": {}}))
 
 
-def test_starts_from_the_least_squares_fit(field) -> None:  # type: ignore[no-untyped-def]
+def test_starts_from_the_least_squares_fit(field: Any) -> None:
     data = small()
     with torch.no_grad():
         start = field.displacements(field.coordinates(data.points, 0), torch.from_numpy(data.pressures_kpa)).numpy()
@@ -23,13 +25,13 @@ def test_starts_from_the_least_squares_fit(field) -> None:  # type: ignore[no-un
     assert ((start - data.displacements) ** 2).mean() < 0.01 * spread.mean()
 
 
-def test_polynomials_are_chebyshevs_and_go_on_beyond_the_range(field) -> None:  # type: ignore[no-untyped-def]
+def test_polynomials_are_chebyshevs_and_go_on_beyond_the_range(field: Any) -> None:
     kpa = np.array([0.0, 20.0, 50.0, 60.0])
     expected = np.polynomial.chebyshev.chebvander(2 * kpa / 50 - 1, 3)
     assert field.polynomials(torch.from_numpy(kpa)).numpy() == pytest.approx(expected)
 
 
-def test_coordinates_hold_the_modes_and_their_derivatives(field) -> None:  # type: ignore[no-untyped-def]
+def test_coordinates_hold_the_modes_and_their_derivatives(field: Any) -> None:
     data = small()
     rows = field.coordinates(data.points, 2).numpy()
     modes = field.modes.numpy()
@@ -38,7 +40,7 @@ def test_coordinates_hold_the_modes_and_their_derivatives(field) -> None:  # typ
         assert row == pytest.approx(matrix @ modes)
 
 
-def test_jet_follows_the_chain_rule_through_the_modes(field) -> None:  # type: ignore[no-untyped-def]
+def test_jet_follows_the_chain_rule_through_the_modes(field: Any) -> None:
     """Directional derivatives of the field by its coordinates, joined with the coordinates' own, give the same rows."""
     torch.manual_seed(0)
     for weight in field.deep.parameters():

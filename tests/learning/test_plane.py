@@ -26,7 +26,7 @@ def energy(material: FirstInvariantMaterial, gradient: Tensor, stretch: Tensor) 
     whole[:, :2, :2], whole[:, 2, 2] = f, stretch
     volume = torch.linalg.det(whole)
     invariant = volume ** (-2 / 3) * whole.square().sum(dim=(1, 2))
-    deviatoric: Tensor = material.energy(invariant)  # type: ignore[arg-type, assignment]
+    deviatoric: Tensor = material.energy(invariant)
     return deviatoric + material.bulk_modulus_mpa / 2 * (volume - 1) ** 2
 
 

@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from pgdl_lab.errors import InputError
@@ -14,9 +16,9 @@ def test_time_is_read(text: str, seconds: float) -> None:
     [{"max_time": text} for text in ("", "soon", "0", "1:2:3:4", "inf", "nan", "-5")]
     + [{"max_epochs": 0}, {"threads": 0}, {"validation": 1.0}, {"accelerator": "tpu"}, {"checkpoint_every_s": -1.0}],
 )
-def test_trainer_refuses_nonsense(fields: dict[str, object]) -> None:
+def test_trainer_refuses_nonsense(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
-        TrainerSettings(**fields)  # type: ignore[arg-type]
+        TrainerSettings(**fields)
 
 
 @pytest.mark.parametrize(
@@ -31,9 +33,9 @@ def test_trainer_refuses_nonsense(fields: dict[str, object]) -> None:
         {"weight_decay": -1.0},
     ],
 )
-def test_optimizer_refuses_nonsense(fields: dict[str, object]) -> None:
+def test_optimizer_refuses_nonsense(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
-        OptimizerSettings(**fields)  # type: ignore[arg-type]
+        OptimizerSettings(**fields)
 
 
 def test_several_optimisers_are_a_list() -> None:

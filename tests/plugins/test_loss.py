@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,7 +84,7 @@ def test_boundary_refuses_a_body_without_a_clamp() -> None:
 @pytest.mark.parametrize(
     "fields", [{"form": "publshed"}, {"lame_mpa": -1.0}, {"weight": -1.0}, {"weight": float("nan")}]
 )
-def test_navier_cauchy_refuses_nonsense(fields: dict[str, object]) -> None:
+def test_navier_cauchy_refuses_nonsense(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         plugin("loss", "navier_cauchy")(**fields)
 

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -70,7 +72,7 @@ def test_extrapolate_refuses_a_range_without_snapshots() -> None:
 @pytest.mark.parametrize(
     "fields", [{"train_fraction": 1.0}, {"train_fraction": 0.0}, {"tested": [0.5]}, {"tested": []}]
 )
-def test_extrapolate_refuses_fractions_that_leave_nothing(fields: dict[str, object]) -> None:
+def test_extrapolate_refuses_fractions_that_leave_nothing(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         make("extrapolate", **fields)
 
