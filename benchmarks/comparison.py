@@ -28,7 +28,7 @@ from rich.table import Table
 from pgdl_lab import cache, paths, registry
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.latency import latency_ms
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.errors import LabError
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.files import replacing

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.skin import sampled, skin

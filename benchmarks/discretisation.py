@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths, registry
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.files import replacing
 from pgdl_lab.snapshots import Observation, Snapshots
 

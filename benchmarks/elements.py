@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import paths
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.files import replacing
 from pgdl_lab.finger import ExtrudedFinger, Finger
 from pgdl_lab.mechanics.equilibrium import Load

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import registry
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger

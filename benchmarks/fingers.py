@@ -21,7 +21,7 @@ from pgdl_lab import paths
 from pgdl_lab.assessment.figures import STYLE
 from pgdl_lab.assessment.paper import published
 from pgdl_lab.cache import simulate
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.errors import LabError
 from pgdl_lab.snapshots import Body, Snapshots
 

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 from skfem.helpers import ddot
 
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.equilibrium import Load

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths, registry
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.fem import Fem
 from pgdl_lab.snapshots import Observation, Snapshots
 

@@ -4,25 +4,21 @@ import importlib
 import json
 import logging
 import os
-import pkgutil
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import hydra
-from hydra import compose, initialize_config_dir
-from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-import pgdl_lab.tasks
-from pgdl_lab import registry, sweep
+from pgdl_lab import sweep
+from pgdl_lab.composing import store_choices
 from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.experiment import Experiment, resumed, save, store_schema
+from pgdl_lab.experiment import Experiment, resumed, save
 from pgdl_lab.folders import link_latest
 from pgdl_lab.messages import EXPECTED, sentence
 from pgdl_lab.paths import CONF, PLUGINS
@@ -58,27 +54,6 @@ def main() -> None:
             problem = _end_sweep(folder, status) or problem
     if problem is not None:
         sys.exit(f"pgdl-lab: {problem}")
-
-
-def store_choices() -> None:
-    """Put all plugins, settings and tasks into Hydra's ConfigStore."""
-    registry.discover()
-    store_schema()
-    for module in pkgutil.iter_modules(pgdl_lab.tasks.__path__):
-        ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
-
-
-def experiment(choices: Sequence[str]) -> Experiment:
-    """What `python -m pgdl_lab CHOICES` would run, for scripts.
-
-    Raises
-    ------
-    InputError
-        If a value lies outside its limits.
-    """
-    store_choices()
-    with initialize_config_dir(str(CONF), version_base=None):
-        return Experiment.from_config(compose("config", list(choices)))
 
 
 def job(config: DictConfig) -> Any:

@@ -34,7 +34,7 @@ def composed(*typed: str) -> "DictConfig":
     """The configuration that the command line makes of what is `typed`."""
     from hydra import compose, initialize_config_dir
 
-    from pgdl_lab.cli import store_choices
+    from pgdl_lab.composing import store_choices
     from pgdl_lab.paths import CONF
 
     store_choices()

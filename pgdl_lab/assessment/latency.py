@@ -46,6 +46,12 @@ def latency_ms(surrogate: Surrogate, points_mm: NDArray[np.float64], tip: int, k
     return {**single, "all_threads": {"threads": available, **both()}}
 
 
+def median_ms(predict: Callable[[], object]) -> float:
+    """Median time of a prediction on one thread [ms]."""
+    with threads(1):
+        return _percentiles(predict)["median"]
+
+
 def _percentiles(predict: Callable[[], object]) -> dict[str, float]:
     predict()  # the first call fills caches
     times: list[float] = []

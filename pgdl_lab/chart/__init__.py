@@ -1,0 +1,1 @@
+"""Error against time: methods of a scene beside a converged reference."""

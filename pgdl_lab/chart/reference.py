@@ -1,0 +1,131 @@
+"""The converged reference: Richardson extrapolation from two meshes, with what is left uncertain."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.cache import simulate
+from pgdl_lab.errors import InputError
+from pgdl_lab.finger import Finger
+from pgdl_lab.registry import describe, field_names, plugin
+from pgdl_lab.snapshots import Observation, Snapshots
+
+Array = NDArray[np.float64]
+
+ORDER = 3
+"""Order of convergence that is extrapolated with: the element chart (benchmarks/elements.py) shows 3.4 and 4.6."""
+CAUTIOUS_ORDER = 2
+"""Order that the uncertainty is told by: with it, a third of the distance of the two meshes is left."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far displacements are from others, over points and pressures.
+
+    Attributes
+    ----------
+    rms_mm, largest_mm
+        Root mean square and largest length of the difference [mm].
+    tip_mm
+        Largest length of the difference at the end of the base line [mm].
+    """
+
+    rms_mm: float
+    largest_mm: float
+    tip_mm: float
+
+    @classmethod
+    def of(cls, difference: Array, tip: int, counted: NDArray[np.bool_] | None = None) -> "Errors":
+        """Of `difference` (P, N, 2) [mm] over the points `counted` (P, N), or over all; `tip` is a point's index."""
+        length = np.linalg.norm(difference, axis=2)
+        among = length if counted is None else length[counted]
+        return cls(float(np.sqrt((among**2).mean())), float(among.max()), float(length[:, tip].max()))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Displacements that a chart's methods are measured against.
+
+    Attributes
+    ----------
+    coarse, fine
+        The two simulations, the second on a mesh with half the edges.
+    edges_mm
+        Their longest edges [mm].
+    paths
+        Their files, whose names tell everything that determines them.
+    """
+
+    coarse: Snapshots
+    fine: Snapshots
+    edges_mm: tuple[float, float]
+    paths: tuple[Path, Path]
+
+    @property
+    def displacements(self) -> Array:
+        """Extrapolated displacements (P, N, 2) [mm]."""
+        return self.fine.displacements + self._step / (2**ORDER - 1)
+
+    @property
+    def uncertainty(self) -> Errors:
+        """What the reference itself may err by."""
+        return Errors.of(self._step / (2**CAUTIOUS_ORDER - 1), self.tip)
+
+    @property
+    def tip(self) -> int:
+        """Index of the end of the base line."""
+        return int(self.fine.base[-1])
+
+    @property
+    def pressures_kpa(self) -> Array:
+        """Where errors are judged (P,) [kPa]."""
+        return self.fine.pressures_kpa
+
+    @property
+    def _step(self) -> Array:
+        return self.fine.displacements - self.coarse.displacements
+
+    def errors(self, displacements: Array, counted: NDArray[np.bool_] | None = None) -> Errors:
+        """Total errors of `displacements` (P, N, 2) [mm], over all points or those `counted` (P, N)."""
+        return Errors.of(displacements - self.displacements, self.tip, counted)
+
+    def among(self, pressures_kpa: Array) -> NDArray[np.int64]:
+        """Indices (P,) of the judged pressures among `pressures_kpa` (Q,) [kPa], which hold them all."""
+        return np.abs(pressures_kpa[:, None] - self.pressures_kpa).argmin(axis=0)
+
+
+def find_reference(finger: Finger, description: dict[str, Any], observation: Observation, folder: Path) -> Reference:
+    """Simulate `finger` on two meshes, or take what is in `folder`.
+
+    Parameters
+    ----------
+    description
+        Name and fields of the finite-element model, with `edge_mm` of the coarser mesh.
+
+    Raises
+    ------
+    InputError
+        When the model has no meshes to choose from, or the finger is given by one mesh alone.
+    SimulationStopped
+        When the finger cannot bear the highest pressure.
+    """
+    fields = dict(description)
+    model: type[Any] = plugin("fem", fields.pop("name"))
+    if "edge_mm" not in fields or "edge_mm" not in field_names("fem", description["name"]):
+        raise InputError(
+            f"chart.reference.name={description['name']} needs an edge_mm that can be halved: choose solid and give it."
+        )
+    edge = fields["edge_mm"]
+    coarse, fine = (model(**{**fields, "edge_mm": length}) for length in (edge, edge / 2))
+    (first, first_path, _), (second, second_path, _) = (
+        simulate(finger, fem, observation, folder) for fem in (coarse, fine)
+    )
+    if first.provenance["mesh"] == second.provenance["mesh"]:
+        raise InputError(
+            f"finger={describe(finger)['name']} has the same mesh for edges of {edge:g} and {edge / 2:g} mm, so there "
+            "is no converged reference: choose a finger that is meshed here, or a lower chart.reference.edge_mm."
+        )
+    return Reference(first, second, (edge, edge / 2), (first_path, second_path))

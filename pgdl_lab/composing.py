@@ -1,0 +1,41 @@
+"""Configurations composed from choices, as the command line does it."""
+
+import pkgutil
+from collections.abc import Sequence
+
+from hydra import compose, initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import DictConfig
+
+from pgdl_lab import registry, tasks
+from pgdl_lab.experiment import Experiment, store_schema
+from pgdl_lab.paths import CONF
+
+
+def store_choices() -> None:
+    """Put all plugins, settings and tasks into Hydra's ConfigStore."""
+    registry.discover()
+    store_schema()
+    for module in pkgutil.iter_modules(tasks.__path__):
+        ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
+
+
+def composed(choices: Sequence[str]) -> DictConfig:
+    """The configuration of `python -m pgdl_lab CHOICES`; also from within a running task."""
+    if GlobalHydra.instance().is_initialized():
+        return compose("config", list(choices))
+    store_choices()
+    with initialize_config_dir(str(CONF), version_base=None):
+        return compose("config", list(choices))
+
+
+def experiment(choices: Sequence[str]) -> Experiment:
+    """What `python -m pgdl_lab CHOICES` would run.
+
+    Raises
+    ------
+    InputError
+        If a value lies outside its limits.
+    """
+    return Experiment.from_config(composed(choices))

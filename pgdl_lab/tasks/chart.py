@@ -1,0 +1,139 @@
+"""Task `chart`: error against time of every method that fits the scene, beside a converged reference."""
+
+import csv
+import json
+import logging
+from dataclasses import asdict, replace
+from typing import Any
+
+from omegaconf import OmegaConf
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from pgdl_lab import paths
+from pgdl_lab.chart.bench import Bench
+from pgdl_lab.chart.figure import draw
+from pgdl_lab.chart.methods import FINITE_ELEMENTS, all_points
+from pgdl_lab.chart.page import write_page
+from pgdl_lab.chart.point import Point, pareto
+from pgdl_lab.chart.settings import ChartSettings
+from pgdl_lab.errors import InputError
+from pgdl_lab.files import replacing
+from pgdl_lab.registry import describe
+from pgdl_lab.snapshots import Observation
+from pgdl_lab.tasks import Job
+
+_log = logging.getLogger(__name__)
+
+WIDTH = 170  # of the table
+QUICK = Observation(snapshots=20, points=800)
+QUICK_SHARE = 0.05  # of the points that are trained on
+
+
+def run(job: Job) -> list[Point]:
+    """Measure what was not measured before and write chart.csv, chart.json, chart.html and figures/chart.png.
+
+    Raises
+    ------
+    InputError
+        When a setting is outside its limits, or the scene has no converged reference.
+    SimulationStopped
+        When the finger cannot bear the highest pressure.
+    """
+    settings = chart_settings(job)
+    experiment = job.experiment
+    if job.config.quick:
+        settings = settings.quick()
+        fem: Any = experiment.fem
+        split = replace(experiment.split, points=int(QUICK_SHARE * QUICK.snapshots * QUICK.points))
+        coarse = replace(fem, edge_mm=2 * fem.edge_mm) if hasattr(fem, "edge_mm") else fem
+        experiment = replace(experiment, observation=QUICK, split=split, fem=coarse)
+    bench = Bench(experiment, settings, paths.RUNS)
+    title = _title(bench)
+    points: list[Point] = []
+    for point, found in all_points(bench):
+        points.append(point)
+        said = (
+            point.failed or f"{point.total.rms_mm:.3g} mm RMS, {point.query_ms:.3g} ms" if point.total else point.failed
+        )
+        _log.info("%s: %s%s", point.label, said, " (measured before)" if found else "")
+        _write(job, bench, points, title)
+    draw(points, bench.reference.uncertainty, title, settings.queries, job.folder / "figures" / "chart.png")
+    Console(width=WIDTH).print(_table(points, bench))
+    _log.info("The chart is in %s: chart.html, chart.csv, chart.json, figures/chart.png", job.folder)
+    return points
+
+
+def chart_settings(job: Job) -> ChartSettings:
+    """Settings of the chart, checked; raises InputError."""
+    if not isinstance(job.config.quick, bool):
+        raise InputError(f"quick is {job.config.quick!r}; it must be true or false.")
+    given: Any = OmegaConf.to_container(job.config.chart)
+    try:
+        return ChartSettings(**given)
+    except TypeError as error:
+        known = ", ".join(ChartSettings.__dataclass_fields__)
+        raise InputError(f"chart has a setting that does not exist ({error}); it has {known}.") from error
+
+
+def _title(bench: Bench) -> str:
+    experiment, reference = bench.experiment, bench.reference
+    finger, split = describe(experiment.finger)["name"], describe(experiment.split)["name"]
+    return (
+        f"{finger}, split {split}, {experiment.split.points:,} points, data of {bench.data_name.rsplit('-', 1)[0]}; "
+        f"reference from edges of {reference.edges_mm[0]:g} and {reference.edges_mm[1]:g} mm, "
+        f"± {reference.uncertainty.rms_mm:.2g} mm RMS"
+    )
+
+
+def _write(job: Job, bench: Bench, points: list[Point], title: str) -> None:
+    rows = [point.row() for point in points]
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with replacing(job.folder / "chart.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+    uncertainty, queries = bench.reference.uncertainty, bench.settings.queries
+    content = {"title": title, "uncertainty": asdict(uncertainty), "queries": queries, "points": rows}
+    with replacing(job.folder / "chart.json") as temporary:
+        temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    write_page(points, uncertainty, title, queries, job.folder / "chart.html")
+
+
+def _table(points: list[Point], bench: Bench) -> Table:
+    queries = bench.settings.queries
+    fronts = {
+        "query": pareto(points, lambda point: point.query_ms),
+        f"{queries:,}": pareto(points, lambda point: point.end_to_end_s(queries)),
+    }
+    solver = _solver(points)
+    table = Table(
+        title=f"RMS errors; break-even: queries from which it is quicker than {solver.label if solver else '–'}"
+    )
+    for heading in ("method", "total [mm]", "discretisation", "surrogate", "largest", "simulate [s]", "train [s]",
+                    "query [ms]", f"{queries:,} queries [s]", "break-even", "on the front"):  # fmt: skip
+        table.add_column(Text(heading), justify="left" if heading == "method" else "right")
+    for point in points:
+        if point.total is None:
+            table.add_row(Text(point.label), *[""] * 9, Text(point.failed[:60]))
+            continue
+        parts = (f"{part.rms_mm:.2g}" if part else "–" for part in (point.discretisation, point.surrogate))
+        even = point.break_even(solver) if solver and point.kind != FINITE_ELEMENTS else float("nan")
+        times = point.simulate_s, point.train_s, point.query_ms, point.end_to_end_s(queries)
+        table.add_row(
+            Text(point.label), f"{point.total.rms_mm:.3g}", *parts, f"{point.total.largest_mm:.2g}",
+            *(f"{float(f'{time:.3g}'):,g}" for time in times), "–" if even != even else f"{even:g}",
+            ", ".join(name for name, front in fronts.items() if point in front),
+        )  # fmt: skip
+    return table
+
+
+def _solver(points: list[Point]) -> Point | None:
+    """The quickest finite-element model that errs no more than the best surrogate by half."""
+    learnt = [point.total.rms_mm for point in points if point.total and point.kind != FINITE_ELEMENTS]
+    good = [
+        point for point in points
+        if point.kind == FINITE_ELEMENTS and point.total and learnt and point.total.rms_mm <= 1.5 * min(learnt)
+    ]  # fmt: skip
+    return min(good, key=lambda point: point.query_ms, default=None)

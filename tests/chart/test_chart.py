@@ -1,0 +1,149 @@
+import json
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pgdl_lab import registry
+from pgdl_lab.assessment import latency
+from pgdl_lab.chart import methods
+from pgdl_lab.chart.page import write_page
+from pgdl_lab.chart.point import Point, pareto
+from pgdl_lab.chart.reference import Errors, Reference, find_reference
+from pgdl_lab.chart.settings import ChartSettings
+from pgdl_lab.errors import InputError
+from pgdl_lab.snapshots import Observation
+from tests.chart import scene
+from tests.fingers import pneunet
+
+FACTOR = 1.5  # by which an error may grow: other machines round otherwise, and trainings carry that on
+NOTHING_MM = 1e-6  # errors below this are not compared
+
+
+def errors(size: float) -> Errors:
+    return Errors(size, size, size)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("guard")
+
+
+@pytest.fixture(scope="module")
+def measured(folder: Path, request: pytest.FixtureRequest) -> dict[str, dict[str, float]]:
+    before = latency.SECONDS, latency.LEAST_REPEATS
+    request.addfinalizer(lambda: (setattr(latency, "SECONDS", before[0]), setattr(latency, "LEAST_REPEATS", before[1])))
+    return scene.errors(folder)
+
+
+def test_no_method_errs_more_than_it_did(measured: dict[str, dict[str, float]]) -> None:
+    stored = json.loads(scene.STORED.read_text())
+    grown = {
+        (label, part): (error, stored[label][part])
+        for label, parts in measured.items()
+        for part, error in parts.items()
+        if label in stored and error > max(FACTOR * stored[label][part], NOTHING_MM)
+    }
+    assert not grown
+    assert {label for label in stored if "calculix" not in label} <= measured.keys()
+
+
+def test_every_registered_method_is_there_and_measured_once(
+    measured: dict[str, dict[str, float]], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert set(registry.names("model")) <= measured.keys()
+    assert {label.partition(",")[0] for label in measured} >= {*registry.names("fem")}
+    bench = scene.bench(folder)
+    assert all(found for _, found in methods.all_points(bench))
+
+    pod: Any = registry.plugin("model", "pod")
+
+    @dataclass(frozen=True)
+    class Other(pod):
+        degree: int = 3
+
+    monkeypatch.setitem(registry._plugins["model"], "other", Other)
+    Other.name = "other"
+    latency.SECONDS, latency.LEAST_REPEATS = 0.0, 2
+    (new,) = [point for point, found in methods.all_points(scene.bench(folder)) if not found]
+    assert new.label == "other"
+    assert new.surrogate and new.total and new.surrogate.rms_mm > 0
+
+
+def test_a_failure_is_a_point() -> None:
+    assert Point("it", "surrogate", failed="stopped at 32 kPa").row()["failed"] == "stopped at 32 kPa"
+    assert pareto([Point("it", "surrogate", failed="stopped")], lambda point: point.query_ms) == []
+
+
+def test_pareto_front() -> None:
+    points = [Point(str(i), "surrogate", query_ms=t, total=errors(e)) for i, (t, e) in
+              enumerate([(1, 5), (2, 6), (3, 4), (3, 2), (4, 2)])]  # fmt: skip
+    assert [point.label for point in pareto(points, lambda point: point.query_ms)] == ["0", "3"]
+
+
+def test_break_even() -> None:
+    solver = Point("solid", "finite elements", query_ms=10_000)
+    learnt = Point("pod", "surrogate", simulate_s=30, train_s=5, query_ms=1)
+    count = learnt.break_even(solver)
+    assert learnt.end_to_end_s(int(count)) <= solver.end_to_end_s(int(count))
+    assert learnt.end_to_end_s(int(count) - 1) > solver.end_to_end_s(int(count) - 1)
+    assert Point("slow", "surrogate", train_s=1, query_ms=20_000).break_even(solver) == np.inf
+
+
+def test_the_reference_is_extrapolated_with_its_order() -> None:
+    exact, edge = np.array([[[1.0, -2.0], [3.0, 0.5]]]), 2.0
+
+    def mesh(length: float) -> Any:
+        return SimpleNamespace(displacements=exact * (1 + 0.1 * length**3), base=np.array([0, 1]))
+
+    reference = Reference(mesh(edge), mesh(edge / 2), (edge, edge / 2), (Path(), Path()))
+    np.testing.assert_allclose(reference.displacements, exact, rtol=1e-14)
+    assert reference.errors(mesh(edge / 2).displacements).tip_mm < reference.uncertainty.tip_mm
+
+
+def test_errors_count_the_points_that_are_asked_for() -> None:
+    difference = np.zeros((1, 3, 2))
+    difference[0, 1] = 3, 4
+    found = Errors.of(difference, 0, np.array([[True, True, False]]))
+    assert (found.rms_mm, found.largest_mm, found.tip_mm) == (pytest.approx(np.sqrt(12.5)), 5, 0)
+
+
+def test_the_page_holds_everything_and_nothing_breaks_out_of_it(tmp_path: Path) -> None:
+    point = Point("</script><b>", "surrogate", query_ms=1, total=errors(0.5))
+    write_page([point], errors(0.1), "a <title>", 7, tmp_path / "chart.html")
+    text = (tmp_path / "chart.html").read_text()
+    assert text.count("</script>") == 1
+    assert "a &lt;title&gt;" in text
+    assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+    (found,) = re.findall(r"const data = (.*?), colours", text)
+    assert json.loads(found)["points"][0]["label"] == point.label
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"queries": 0}, "chart.queries is 0"),
+        ({"meshes": [0.0]}, "chart.meshes"),
+        ({"train_s": -1.0}, "chart.train_s is -1"),
+        ({"reference": {}}, "names no finite-element model"),
+    ],
+)
+def test_bad_settings_are_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        replace(scene.SETTINGS, **changes)
+
+
+def test_a_reference_needs_an_edge_to_halve(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="needs an edge_mm"):
+        find_reference(pneunet(), {"name": "solid"}, Observation(2, 400), tmp_path)
+
+
+def test_judged_pressures_divide_those_observed() -> None:
+    settings = ChartSettings(reference={"name": "solid", "edge_mm": 3.0})
+    assert settings.judgement(Observation(snapshots=12)).snapshots == 4
+    assert settings.judgement(Observation(snapshots=7)).snapshots == 1
+    assert settings.quick().reference["edge_mm"] == 6.0
