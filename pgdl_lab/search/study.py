@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.search.settings import DEFAULT_SAMPLER
+from pgdl_lab.search.storage import KernelLock
 
 if TYPE_CHECKING:
     from optuna.storages import BaseStorage
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from pgdl_lab.search.space import Space
 
 SCHEMA, EXHAUSTED = "schema", "exhausted"  # attributes of a study
-WORKER, OVERRIDES, ERROR, RETRY_OF, LOST = "worker", "overrides", "error", "retry_of", "lost"  # attributes of a trial
+WORKER, ERROR, RETRY_OF, LOST = "worker", "error", "retry_of", "lost"  # attributes of a trial
 _DIRECTION = {each.name.lower(): each for each in optuna.study.StudyDirection}
 
 
@@ -80,12 +82,16 @@ class SharedStudy:
         self, folder: Path, settings: SearchSettings, storage: BaseStorage, space: Space, config: Mapping[str, Any]
     ) -> None:
         self.folder, self.settings, self.space = folder, settings, space
-        self.lock = FileLock(folder / ".study.lock")
+        self.lock = KernelLock(folder / ".study.lock")
         self._workers = folder / ".workers"
         self._workers.mkdir(exist_ok=True)
         self.worker = secrets.token_hex(6)
         self._alive = FileLock(self._workers / self.worker)
         self._alive.acquire()
+        self._new = True
+        sampler = dict(settings.sampler or DEFAULT_SAMPLER)
+        self._seed = sampler.get("seed")
+        self._new_sampler = quietly(partial(instantiate, sampler, _partial_=True))
         schema: dict[str, Any] = {
             "objective": settings.directions,
             "target": {name: list(target) for name, target in settings.targets.items()},
@@ -109,34 +115,36 @@ class SharedStudy:
             if settings.pruner is not None:
                 self.study.pruner = quietly(instantiate, settings.pruner)
             if settings.retry_failed:
-                for trial in self._counted(TrialState.FAIL):
+                for trial in self.failed():
                     self._enqueue(trial, trial.params)
 
     def trials(self, *states: TrialState) -> list[FrozenTrial]:
         """Trials in these states, or all, by number."""
         return self.study.get_trials(deepcopy=False, states=states or None)
 
-    def _counted(self, *states: TrialState) -> list[FrozenTrial]:
-        """Trials in these states that count: neither lost nor run again since."""
-        retried = {trial.user_attrs.get(RETRY_OF) for trial in self.trials()}
-        return [each for each in self.trials(*states) if each.number not in retried and LOST not in each.user_attrs]
-
     def ended(self) -> list[FrozenTrial]:
         """Trials that count towards `n_trials`."""
-        return self._counted(TrialState.COMPLETE, TrialState.PRUNED, TrialState.FAIL)
+        return _counted(self.trials())
 
     def failed(self) -> list[FrozenTrial]:
         """Trials that failed and were not run again."""
-        return self._counted(TrialState.FAIL)
+        return _failed(self.ended())
 
     @property
     def complete(self) -> bool:
         """Whether all trials are done, or nothing is left to try."""
-        exhausted = self.study.user_attrs.get(EXHAUSTED, False) and not self.trials(TrialState.WAITING)
-        return exhausted or len(self.ended()) >= self.settings.n_trials
+        trials = self.trials()
+        return self._exhausted(trials) or len(_counted(trials)) >= self.settings.n_trials
+
+    def _exhausted(self, trials: Sequence[FrozenTrial]) -> bool:
+        waiting = any(trial.state is TrialState.WAITING for trial in trials)
+        return not waiting and bool(self.study.user_attrs.get(EXHAUSTED, False))
 
     def claim(self, recover: Callable[[FrozenTrial], list[float] | None]) -> list[Claim]:
         """Trials for this worker to run next; none if others run all that are left.
+
+        Trials of killed workers are looked for when a worker comes and when nothing else is left: with a thousand
+        workers, to try their locks at every claim would take longer than the claims.
 
         Parameters
         ----------
@@ -149,34 +157,50 @@ class SharedStudy:
             If too many trials failed.
         """
         with self.lock:
-            self._take_up_lost(recover)
-            self._check_failures()
-            running = self.trials(TrialState.RUNNING)
-            left = 0 if self.complete else self.settings.n_trials - len(self.ended()) - len(running)
-            return [self._ask() for _ in range(min(left, self.settings.batch))]
+            trials = self.trials()
+            left = self._left(trials)
+            if (self._new or not left) and self._take_up_lost(trials, recover):
+                trials = self.trials()
+                left = self._left(trials)
+            self._new = False
+            self._check_failures(_counted(trials))
+            return [self._ask(len(trials) + n) for n in range(min(left, self.settings.batch))]
 
-    def _ask(self) -> Claim:
-        number = len(self.trials())
+    def _left(self, trials: Sequence[FrozenTrial]) -> int:
+        """How many trials are neither done nor running."""
+        running = sum(trial.state is TrialState.RUNNING for trial in trials)
+        left = max(self.settings.n_trials - len(_counted(trials)) - running, 0)
+        return 0 if left and self._exhausted(trials) else left
+
+    def _ask(self, number: int) -> Claim:
         self.study.sampler = self._sampler(number)
         trial = self.study.ask()
         overrides = self.space.suggest(trial)
-        trial.set_user_attr(OVERRIDES, overrides)
         trial.set_user_attr(WORKER, self.worker)  # last: a trial without it was never begun
         return Claim(trial, overrides)
 
     def _sampler(self, number: int) -> Any:
         """A sampler for one trial: with one seed for all, workers and resumed studies would draw the same again."""
-        arguments = dict(self.settings.sampler or DEFAULT_SAMPLER)
-        if isinstance(arguments.get("seed"), int):
-            state = np.random.SeedSequence([arguments["seed"], number]).generate_state(1)
-            arguments["seed"] = int(state[0])
-        return quietly(instantiate, arguments)
+        if not isinstance(self._seed, int):
+            return quietly(self._new_sampler)
+        seed = np.random.SeedSequence([self._seed, number]).generate_state(1)
+        return quietly(partial(self._new_sampler, seed=int(seed[0])))
 
-    def _take_up_lost(self, recover: Callable[[FrozenTrial], list[float] | None]) -> None:
-        """Put trials of workers that are gone back into the queue, or keep their values if they had come to an end."""
-        for trial in self.trials(TrialState.RUNNING):
-            if self._lives(trial.user_attrs.get(WORKER)):
-                continue
+    def _take_up_lost(
+        self, trials: Sequence[FrozenTrial], recover: Callable[[FrozenTrial], list[float] | None]
+    ) -> bool:
+        """Put trials of workers that are gone back into the queue, or keep their values if they had come to an end.
+
+        Returns
+        -------
+        Whether there were any.
+        """
+        lost = [
+            trial
+            for trial in trials
+            if trial.state is TrialState.RUNNING and not self._lives(trial.user_attrs.get(WORKER))
+        ]
+        for trial in lost:
             values = recover(trial) if WORKER in trial.user_attrs else None
             if values is not None:
                 self.study.tell(trial.number, values)
@@ -186,6 +210,7 @@ class SharedStudy:
                 self._enqueue(trial, params)
             self.study._storage.set_trial_user_attr(trial._trial_id, LOST, "its worker was killed")
             self.study.tell(trial.number, state=TrialState.FAIL)
+        return bool(lost)
 
     def _enqueue(self, trial: FrozenTrial, params: Mapping[str, Any]) -> None:
         if all(other.user_attrs.get(RETRY_OF) != trial.number for other in self.trials()):
@@ -203,8 +228,8 @@ class SharedStudy:
         file.unlink(missing_ok=True)
         return False
 
-    def _check_failures(self) -> None:
-        settings, ended, failed = self.settings, self.ended(), self.failed()
+    def _check_failures(self, ended: Sequence[FrozenTrial]) -> None:
+        settings, failed = self.settings, _failed(ended)
         last = f"the last with: {failed[-1].user_attrs.get(ERROR)}" if failed else ""
         remedy = f"mend that and add hydra.sweeper.retry_failed=true (runs/{settings.study}/<trial>/run.log says more)"
         if len(failed) == len(ended) >= settings.first_failures:
@@ -229,6 +254,20 @@ class SharedStudy:
         """Let other workers see that this one is gone."""
         self._alive.release()
         (self._workers / self.worker).unlink(missing_ok=True)
+
+
+def _counted(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Trials that ended, neither lost nor run again since."""
+    retried = {trial.user_attrs[RETRY_OF] for trial in trials if RETRY_OF in trial.user_attrs}
+    return [
+        trial
+        for trial in trials
+        if trial.state.is_finished() and trial.number not in retried and LOST not in trial.user_attrs
+    ]
+
+
+def _failed(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    return [trial for trial in trials if trial.state is TrialState.FAIL]
 
 
 def quietly(call: Callable[..., Any], *arguments: Any) -> Any:

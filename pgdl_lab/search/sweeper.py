@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import subprocess
@@ -30,8 +31,9 @@ from pgdl_lab.search.report import report
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import Space, parse
 from pgdl_lab.search.storage import open_storage
-from pgdl_lab.search.study import OVERRIDES, Claim, SharedStudy
+from pgdl_lab.search.study import Claim, SharedStudy
 from pgdl_lab.search.trial import PRUNED, Ticket
+from pgdl_lab.sweep import OVERRIDES
 
 _log = logging.getLogger(__name__)
 
@@ -181,7 +183,8 @@ class Search:
         except LabError:
             tracking.close_killed(self._trial_folder(trial.number))
             return None
-        self._note(trial.number, trial.user_attrs[OVERRIDES], values, None)
+        typed = json.loads((self._trial_folder(trial.number) / OVERRIDES).read_text(encoding="utf-8"))
+        self._note(trial.number, typed, values, None)
         return values
 
     def _trial_folder(self, number: int) -> Path:

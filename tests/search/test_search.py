@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -19,6 +18,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import LOST, RETRY_OF
+from tests import postgres
 from tests.conftest import Lab, environment
 
 TOY = '''
@@ -212,38 +212,14 @@ def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(lab
     assert {run.data.params["finger.wall_mm"] for run in failed} == {"-3"}
 
 
-def postgres() -> Path | None:
-    """Folder of PostgreSQL's programs, which Debian keeps off the path."""
-    found = shutil.which("initdb") or next(map(str, Path("/usr/lib/postgresql").glob("*/bin/initdb")), None)
-    return Path(found).parent if found else None
-
-
 @pytest.fixture
 def database(tmp_path: Path) -> Iterator[str]:
     """URL of an empty PostgreSQL database of its own."""
     pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
-    programs = postgres()
-    if programs is None:
+    if postgres.programs() is None:
         pytest.skip("PostgreSQL is not installed")
-    data = tmp_path / "postgres"
-    data.mkdir()
-    # it refuses to run as root
-    user = {"user": "postgres", "group": "postgres", "cwd": "/"} if os.geteuid() == 0 else {}
-    if user:
-        shutil.chown(data, "postgres", "postgres")
-        for folder in (tmp_path, *tmp_path.parents[:2]):
-            folder.chmod(folder.stat().st_mode | 0o011)
-
-    def call(*command: str) -> None:
-        subprocess.run(command, check=True, capture_output=True, **user)
-
-    call(str(programs / "initdb"), "-D", str(data), "-A", "trust", "-U", "lab", "--no-sync")
-    options = f"-k {data} -c listen_addresses='' -c fsync=off"
-    call(str(programs / "pg_ctl"), "-D", str(data), "-w", "-o", options, "-l", str(data / "log"), "start")
-    try:
-        yield f"postgresql+psycopg://lab@/postgres?host={data}"
-    finally:
-        call(str(programs / "pg_ctl"), "-D", str(data), "-m", "immediate", "stop")
+    with postgres.server(tmp_path, "fsync=off") as url:
+        yield url
 
 
 def test_workers_share_a_postgresql_database(lab: Lab, toy: Path, database: str) -> None:

@@ -110,3 +110,27 @@ def test_a_sampler_that_has_tried_all_ends_the_study(tmp_path: Path) -> None:
         study.tell(claims[0], [1.0])
     assert study.complete
     assert sorted(trial.params["x"] for trial in study.trials()) == [0, 1, 2]
+
+
+def test_half_a_line_at_the_end_of_the_journal_is_dropped(tmp_path: Path) -> None:
+    study = opened(tmp_path)
+    study.tell(study.claim(nothing)[0], [1.0])
+    with (tmp_path / "study.journal").open("ab") as file:
+        file.write(b'{"op_code":4,"wor')  # what a machine leaves that fails as it writes
+    again = opened(tmp_path)
+    again.tell(again.claim(nothing)[0], [2.0])
+    assert [trial.values for trial in opened(tmp_path).trials()] == [[1.0], [2.0]]
+
+
+def test_trials_of_killed_workers_are_looked_for_when_nothing_else_is_left(tmp_path: Path) -> None:
+    other, killed = opened(tmp_path, n_trials=3), opened(tmp_path, n_trials=3)
+    (first,) = other.claim(nothing)
+    (lost,) = killed.claim(nothing)
+    killed._alive.release()  # what the kernel does
+    (third,) = other.claim(nothing)
+    assert third.trial.number == 2
+    (again,) = other.claim(nothing)
+    assert again.trial.params == lost.trial.params
+    for claim in (first, third, again):
+        other.tell(claim, [1.0])
+    assert other.claim(nothing) == [] and other.complete

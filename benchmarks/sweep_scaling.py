@@ -1,0 +1,136 @@
+"""How many workers a study bears: empty trials per second and waits for its locks, on a journal file and PostgreSQL.
+
+    python benchmarks/sweep_scaling.py [--trials 5000] [--workers 1 4 16 64] [--storages journal postgresql]
+
+Every worker is a process that claims trials and tells their values through `SharedStudy`, as a search does, without
+Hydra, MLflow and training. All of them run on this machine: it does the computing of 64 machines, so what it shows for
+many workers is a lower bound, while the waits for the locks are those of a real search. Two settings are drawn at
+random, as the time of a sampler is Optuna's. "busy" is the share of the time in which some worker holds the lock of the
+study: what is left of it is what more workers could use. "a worker's CPU" is what a trial costs its worker; with the
+journal each of them reads what all others write.
+"""
+
+import argparse
+import multiprocessing
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from multiprocessing.synchronize import Barrier
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.trial import TrialState
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab.search.settings import SearchSettings
+from pgdl_lab.search.space import parse
+from pgdl_lab.search.storage import KernelLock, open_storage
+from pgdl_lab.search.study import SharedStudy
+from tests import postgres
+
+SPACE = ("a=interval(0,1)", "b=interval(0,1)")
+FORK = multiprocessing.get_context("fork")  # 64 times the import of Optuna would take minutes
+
+
+class Timed(KernelLock):
+    """A lock that adds up how long it was waited for and held [s]."""
+
+    def __init__(self, lock: KernelLock) -> None:
+        super().__init__(lock._path)
+        self.waited, self.held, self._since = 0.0, 0.0, 0.0
+
+    def acquire(self) -> bool:
+        start = time.perf_counter()
+        super().acquire()
+        self._since = time.perf_counter()
+        self.waited += self._since - start
+        return True
+
+    def release(self) -> None:
+        self.held += time.perf_counter() - self._since
+        super().release()
+
+
+def work(folder: Path, url: str | None, trials: int, barrier: Barrier, results: Any) -> None:
+    """One worker; what it measured goes into `results`."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    sampler = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
+    settings = SearchSettings("scaling", n_trials=trials, objectives=["value"], sampler=sampler)
+    storage = open_storage(url, folder)
+    study = SharedStudy(folder, settings, storage, parse({}, SPACE), {})
+    lock = study.lock = Timed(study.lock)
+    barrier.wait()
+    start, cpu, count = time.perf_counter(), time.process_time(), 0
+    while claims := study.claim(lambda trial: None):
+        study.tell(claims[0], [claims[0].trial.params["a"]])
+        count += 1
+    end = time.perf_counter()
+    results.put((start, end, count, lock.waited, lock.held, time.process_time() - cpu))
+    study.close()
+
+
+def measure(workers: int, url: str | None, trials: int, folder: Path) -> list[str]:
+    """A row of the table."""
+    barrier, results = FORK.Barrier(workers), FORK.SimpleQueue()
+    processes = [FORK.Process(target=work, args=(folder, url, trials, barrier, results)) for _ in range(workers)]
+    for process in processes:
+        process.start()
+    found = [results.get() for _ in processes]
+    for process in processes:
+        process.join()
+    starts, ends, counts, waited, held, cpu = zip(*found, strict=True)
+    seconds = max(ends) - min(starts)
+    told = optuna.load_study(study_name="scaling", storage=open_storage(url, folder)).get_trials(deepcopy=False)
+    complete = [trial for trial in told if trial.state is TrialState.COMPLETE]
+    drawn = {(trial.params["a"], trial.params["b"]) for trial in complete}
+    if not len(told) == len(complete) == len(drawn) == sum(counts) == trials:
+        raise SystemExit(f"{trials} trials asked for; {sum(counts)} run, {len(told)} kept, {len(drawn)} different")
+    return [
+        f"{trials / seconds:.0f}",
+        f"{1e3 * sum(held) / trials:.1f}",
+        f"{1e3 * sum(waited) / trials:.1f}",
+        f"{100 * sum(held) / seconds:.0f} %",
+        f"{1e3 * sum(cpu) / trials:.1f}",
+        f"{len(complete)} of {trials}",
+    ]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--trials", type=int, default=5000)
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 4, 16, 64])
+    parser.add_argument("--storages", nargs="+", default=["journal", "postgresql"], choices=["journal", "postgresql"])
+    chosen = parser.parse_args(arguments)
+    table = Table(title=f"{chosen.trials} empty trials on one study, {os.cpu_count()} cores for all workers")
+    headings = (
+        "storage",
+        "workers",
+        "trials/s",
+        "lock held (ms)",
+        "waited (ms)",
+        "busy",
+        "a worker's CPU (ms)",
+        "exact",
+    )
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for storage in chosen.storages:
+        for workers in chosen.workers:
+            with ExitStack() as stack:
+                folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+                url = None
+                if storage == "postgresql":
+                    url = stack.enter_context(postgres.server(folder, "max_connections=200"))
+                row = (storage, str(workers), *measure(workers, url, chosen.trials, folder))
+                table.add_row(*row)
+                print(*row, flush=True)
+    Console(width=120).print(table)
+
+
+if __name__ == "__main__":
+    main()
