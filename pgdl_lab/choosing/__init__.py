@@ -1,0 +1,1 @@
+"""The least model that meets a tolerance."""
