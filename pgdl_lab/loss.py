@@ -34,6 +34,7 @@ class Loss(ABC):
         Factor of this term in the total loss.
     """
 
+    name: ClassVar[str]  # set by `register`
     order: ClassVar[int] = 0
     one_pressure: ClassVar[bool] = False
 

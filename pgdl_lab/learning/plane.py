@@ -21,9 +21,9 @@ from torch import Tensor
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.material import FirstInvariantMaterial, Material
 
-STATES = ("plane_stress", "plane_strain")
 LEAST_AREA = 0.2  # d below which a field counts as d = 0.2: the law says nothing of matter that is turned inside out
-NEWTON = 12  # steps for the stretch out of the plane; convergence is quadratic from the incompressible one
+NEWTON = 12  # steps at most for the stretch out of the plane; convergence is quadratic from the incompressible one
+CONVERGED = 1e-2  # change, by the root of the rounding error, after which another step would change nothing
 
 
 def scalars(gradient: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -66,31 +66,24 @@ class PlaneLaw:
             )
         return cls(material, state)
 
-    def first(self, a: Tensor, d: Tensor) -> tuple[Tensor, Tensor]:
-        """Ψ_A and Ψ_d [MPa] at A and d (…)."""
+    def derivatives(self, a: Tensor, d: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]:
+        """Ψ_A and Ψ_d, and Ψ_AA, Ψ_Ad and Ψ_dd [MPa] at A and d (…)."""
         d = d.clamp(min=LEAST_AREA)
-        slopes, _ = self._derivatives(a, d, self._stretch(a, d))
-        return slopes[0], slopes[1]
-
-    def second(self, a: Tensor, d: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Ψ_AA, Ψ_Ad and Ψ_dd [MPa] at A and d (…)."""
-        d = d.clamp(min=LEAST_AREA)
-        _, (aa, ad, dd, al, dl, ll) = self._derivatives(a, d, self._stretch(a, d))
-        if self.state == "plane_strain":
-            return aa, ad, dd
-        return aa - al * al / ll, ad - al * dl / ll, dd - dl * dl / ll
+        slopes, (aa, ad, dd, al, dl, ll) = self._derivatives(a, d, self._stretch(a, d))
+        if self.state == "plane_stress":
+            aa, ad, dd = aa - al * al / ll, ad - al * dl / ll, dd - dl * dl / ll
+        return (slopes[0], slopes[1]), (aa, ad, dd)
 
     def stress(self, gradient: Tensor) -> Tensor:
         """First Piola–Kirchhoff stress P (…, 2, 2) [MPa] of a displacement gradient (…, 2, 2)."""
         f, cofactor, a, d = scalars(gradient)
-        by_a, by_d = self.first(a, d)
+        (by_a, by_d), _ = self.derivatives(a, d)
         return 2 * by_a[..., None, None] * f + by_d[..., None, None] * cofactor
 
     def divergence(self, gradient: Tensor, hessian: Tensor) -> Tensor:
         """Div P (n, 2) [N/mm³] of ∇u (n, 2, 2) and second derivatives (n, 2, 3) in the order xx, zz, xz [1/mm]."""
         f, cofactor, a, d = scalars(gradient)
-        by_a, _ = self.first(a, d)
-        aa, ad, dd = self.second(a, d)
+        (by_a, _), (aa, ad, dd) = self.derivatives(a, d)
         xx, zz, xz = hessian.unbind(dim=-1)
         along = torch.stack([torch.stack([xx, xz], dim=-1), torch.stack([xz, zz], dim=-1)], dim=-1)  # ∂F_iJ/∂X_K
         grad_a = 2 * (f[..., None] * along).sum(dim=(-3, -2))
@@ -111,8 +104,11 @@ class PlaneLaw:
             stretch = 1 / d
             for _ in range(NEWTON):
                 slopes, curvatures = self._derivatives(a, d, stretch)
+                before = stretch
                 # halved at most, so that it stays positive
-                stretch = torch.maximum(stretch - slopes[2] / curvatures[5], stretch / 2)
+                stretch = torch.maximum(before - slopes[2] / curvatures[5], before / 2)
+                if (stretch - before).abs().max() <= CONVERGED * torch.finfo(stretch.dtype).eps ** 0.5:
+                    break
         if not (a.requires_grad or d.requires_grad):
             return stretch
         # one step more, with gradients: it gives l the derivatives by A and d that the implicit function theorem asks

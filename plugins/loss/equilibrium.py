@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.loss import Loss
+from pgdl_lab.learning.plane_loss import PlaneLoss
 from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
@@ -19,12 +19,10 @@ if TYPE_CHECKING:
     from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
 
-STATES = ("plane_stress", "plane_strain")
-
 
 @register("loss", "equilibrium")
 @dataclass(frozen=True)
-class Equilibrium(Loss):
+class Equilibrium(PlaneLoss):
     """Mean square of the strain [–] that would balance weight, follower pressure and stress on the x–z section.
 
     Finite elements on the section, of the width of the finger, over cavities that of both side walls; see
@@ -34,8 +32,6 @@ class Equilibrium(Loss):
 
     Attributes
     ----------
-    state
-        "plane_stress" (the stretch out of the plane is solved for) or "plane_strain".
     edge_mm
         Longest element edge [mm].
     side_wall_share
@@ -45,14 +41,11 @@ class Equilibrium(Loss):
     one_pressure: ClassVar[bool] = True
 
     weight: float = 1e-4
-    state: str = "plane_stress"
     edge_mm: float = 6.0
     side_wall_share: float = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.state not in STATES:
-            raise InputError(f"loss.equilibrium.state is '{self.state}'; choose one of {', '.join(STATES)}.")
         if not 0 < self.edge_mm < np.inf:
             raise InputError(f"loss.equilibrium.edge_mm is {self.edge_mm} mm; it must be above 0.")
         if not 0 < self.side_wall_share <= 1:

@@ -5,58 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.loss import Loss
+from pgdl_lab.learning.plane_loss import PlaneLoss
 from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from pgdl_lab.finger import Finger
     from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
-    from pgdl_lab.learning.plane import PlaneLaw
-
-STATES = ("plane_stress", "plane_strain")
 
 
 @register("loss", "yeoh")
 @dataclass(frozen=True)
-class Yeoh(Loss):
+class Yeoh(PlaneLoss):
     """Mean over the training points of |Div P + ρ₀ g|² [(N/mm³)²], P of the finger's own hyperelastic law.
 
     The law is that of the finger: Yeoh or any other of the first invariant. The side face is a free surface, σ e_y = 0,
     so plane stress holds on it, but it is not in balance by itself: the stress that the body behind exerts on it,
     ∂P_iy/∂y, is unknown and left out. Every run shows the residual that the simulated displacement has.
-
-    Attributes
-    ----------
-    state
-        "plane_stress" (the stretch out of the plane is solved for) or "plane_strain".
     """
 
     order: ClassVar[int] = 2
 
     weight: float = 1e-4
-    state: str = "plane_stress"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.state not in STATES:
-            raise InputError(f"loss.yeoh.state is '{self.state}'; choose one of {', '.join(STATES)}.")
-
-    def check(self, finger: Finger | None) -> None:
-        self._law(finger)
-
-    def _law(self, finger: Finger | None) -> PlaneLaw:
-        from pgdl_lab.learning.plane import PlaneLaw
-
-        return PlaneLaw.of(finger.material if finger else None, self.state, "yeoh")
 
     def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
         return self.residuals(jet, scene).square().sum(dim=1).mean()
 
     def residuals(self, jet: Jet, scene: Scene) -> Tensor:
         """Div P + ρ₀ g (n, 2) [N/mm³]."""
-        law = self._law(scene.finger)
+        law = self.law(scene.finger)
         return law.divergence(jet.gradient, jet.hessian) + jet.rows.new_tensor(scene.body_force_n_mm3)

@@ -5,7 +5,8 @@ import torch
 from torch import Tensor
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.learning.plane import STATES, PlaneLaw, scalars
+from pgdl_lab.learning.plane import PlaneLaw, scalars
+from pgdl_lab.learning.plane_loss import STATES
 from pgdl_lab.mechanics.material import FirstInvariantMaterial, Yeoh
 from pgdl_lab.registry import discover, plugin
 
