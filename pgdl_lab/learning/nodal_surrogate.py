@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pgdl_lab.learning.interpolation import interpolation_bars
 from pgdl_lab.learning.separable import chebyshev
 from pgdl_lab.learning.triangulation import Triangulation
 from pgdl_lab.model import Model
 from pgdl_lab.surrogate import Record, Surrogate
+
+AT_NODE = 1e-9  # weight of other nodes below which a point is one
 
 Floats = NDArray[np.float64]
 
@@ -19,8 +22,8 @@ Floats = NDArray[np.float64]
 class NodalSurrogate(Surrogate):
     """u(x, p) = Σ modes(x) · amplitudes(p), linear between the nodes of the body.
 
-    Error bars are those of the values at the nodes. Between nodes the error of linear interpolation adds to them, which
-    is the greater part of the error there.
+    Error bars are those of the values at the nodes and, between nodes, of linear interpolation, which is the greater
+    part of the error there; see `interpolation_bars`.
 
     What was looked up for the points asked for last is kept, as control loops ask for the same ones.
 
@@ -64,7 +67,13 @@ class NodalSurrogate(Surrogate):
         # the deviation of a mean of three is at most the mean of the three
         deviation_mm = np.einsum("nc,pnc->pn", weights, nodal_mm[:, corners])
         factor = np.interp(pressures_kpa, self._arrays["bar_kpa"], self._arrays["bar_deviations"])
-        return factor[:, None] * deviation_mm
+        bars_mm = factor[:, None] * deviation_mm
+        between = weights.max(axis=1) < 1 - AT_NODE
+        if between.any():
+            nodal = np.einsum("pk,nkc->pnc", self._amplitudes(pressures_kpa), self._arrays["modes"])
+            more_mm = interpolation_bars(self._body, nodal, points_mm[between])
+            bars_mm[:, between] = np.hypot(bars_mm[:, between], more_mm)
+        return bars_mm
 
     def _amplitudes(self, pressures_kpa: Floats) -> Floats:
         """Amplitudes (P, K) of the modes [mm]."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 import scipy.sparse as sp
@@ -148,22 +150,61 @@ class Triangulation:
         At each point a quadratic is fitted by least squares to the values on the points around it that are reached
         along the body's edges (Z. Zhang & A. Naga, A new finite element gradient recovery method, 2005).
         """
+        around = (self._adjacent @ self._adjacent).tocsr()
+        wider = (around @ self._adjacent).tocsr()
+        narrow = np.diff(around.indptr) < 12  # of 6 coefficients; twice as many values keep the fit from being ragged
+        rows, columns, values = [], [], []
+        for reach, those in ((around, ~narrow), (wider, narrow)):
+            for nodes, patch in _by_number(reach, those):
+                offset = self.points_mm[patch] - self.points_mm[nodes, None]
+                length = np.abs(offset).max(axis=(1, 2), keepdims=True)
+                x, z = np.moveaxis(offset / length, 2, 0)
+                quadratic = np.stack([np.ones_like(x), x, z, x * x / 2, z * z / 2, x * z], axis=2)
+                fit = np.linalg.pinv(quadratic)[:, 1:] / length ** np.array([1, 1, 2, 2, 2])[:, None]
+                rows.append(np.repeat(nodes, patch.shape[1]))
+                columns.append(patch.ravel())
+                values.append(np.moveaxis(fit, 1, 0).reshape(5, -1))
+        row, column = np.concatenate(rows), np.concatenate(columns)
+        shape = (len(self.points_mm),) * 2
+        return [sp.csr_matrix((value, (row, column)), shape=shape) for value in np.concatenate(values, axis=1)]
+
+    @cached_property
+    def _adjacent(self) -> sp.csr_matrix:
+        """(N, N), not zero for points that an edge joins and for each with itself."""
         count = len(self.points_mm)
         pairs = self.triangles[:, [0, 1, 2, 1, 2, 0]].T.ravel(), self.triangles[:, [1, 2, 0, 0, 1, 2]].T.ravel()
-        step = sp.csr_matrix((np.ones(len(pairs[0])), pairs), shape=(count, count)) + sp.identity(count, format="csr")
-        around = (step @ step).tocsr()
-        wider = (around @ step).tocsr()
-        rows, columns, fits = [], [], []
-        for node in range(count):
-            patch = around.indices[around.indptr[node] : around.indptr[node + 1]]
-            if len(patch) < 12:  # a quadratic has 6 coefficients; twice as many values keep the fit from being ragged
-                patch = wider.indices[wider.indptr[node] : wider.indptr[node + 1]]
-            offset = self.points_mm[patch] - self.points_mm[node]
-            length = np.abs(offset).max()
-            x, z = (offset / length).T
-            fit = np.linalg.pinv(np.stack([np.ones_like(x), x, z, x * x / 2, z * z / 2, x * z], axis=1))[1:]
-            fits.append(fit / np.array([length, length, length**2, length**2, length**2])[:, None])
-            rows.append(np.full(len(patch), node))
-            columns.append(patch)
-        row, column, values = np.concatenate(rows), np.concatenate(columns), np.concatenate(fits, axis=1)
-        return [sp.csr_matrix((value, (row, column)), shape=(count, count)) for value in values]
+        joined = sp.csr_matrix((np.ones(len(pairs[0])), pairs), shape=(count, count))
+        return joined + sp.identity(count, format="csr")
+
+    @cached_property
+    def rings(self) -> tuple[Ints, Ints, Floats]:
+        """Points (M,) inside a triangle of points that edges join to them, its corners (M, 3) and their weights (M, 3).
+
+        Of several triangles that with the corners nearest to the point.
+        """
+        found = []
+        for nodes, patch in _by_number(self._adjacent, np.diff(self._adjacent.indptr) > 3):
+            ring = patch[patch != nodes[:, None]].reshape(len(nodes), -1)
+            triples = np.array(list(combinations(range(ring.shape[1]), 3)))
+            corners = ring[:, triples]
+            offset = self.points_mm[corners] - self.points_mm[nodes, None, None]
+            after, last = np.roll(offset, -1, axis=2), np.roll(offset, -2, axis=2)
+            parts = after[..., 0] * last[..., 1] - after[..., 1] * last[..., 0]  # twice the areas opposite to corners
+            whole = parts.sum(axis=2, keepdims=True)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                weights = np.where(np.abs(whole) > 1e-9 * np.abs(parts).max(), parts / whole, np.nan)
+            distance = (weights * (offset**2).sum(axis=3)).sum(axis=2)
+            distance[~(weights.min(axis=2) > -1e-9)] = np.inf
+            best = distance.argmin(axis=1)
+            row = np.flatnonzero(np.isfinite(distance.min(axis=1)))
+            found.append((nodes[row], corners[row, best[row]], weights[row, best[row]]))
+        points, triangles, weights = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return points, triangles, weights
+
+
+def _by_number(reach: sp.csr_matrix, those: NDArray[np.bool_]) -> Iterator[tuple[Ints, Ints]]:
+    """Nodes (G,) of `those` (N,) that reach the same number K of nodes, and these (G, K), for one K after the other."""
+    numbers = np.diff(reach.indptr)
+    for number in np.unique(numbers[those]):
+        nodes = np.flatnonzero(those & (numbers == number))
+        yield nodes, reach.indices[reach.indptr[nodes][:, None] + np.arange(number)].astype(np.int64)

@@ -39,6 +39,11 @@ def test_bars_of_pod_cover_the_unseen_points_and_grow_beyond_the_trained_pressur
     assert 0.9 < (np.abs(errors(surrogate)) <= unseen).mean() < 0.99
     top, beyond, far = (np.median(surrogate.error_bar(data.points, kpa)) for kpa in (50.0, 60.0, 75.0))
     assert top < beyond < far
+    middles = data.points[data.triangles].mean(axis=1)
+    # the same at the nodes, whoever else is asked for
+    together = surrogate.error_bar(np.concatenate([data.points, middles]), data.pressures_kpa)
+    assert together is not None and np.array_equal(together[:, : len(data.points)], bars)
+    assert np.median(together[:, len(data.points) :]) > np.median(bars)
     held = surrogate.error_bar(data.points[data.clamp], 30.0)
     assert held is not None and held.max() < bars.min() * 1.01
 
