@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.triangulation import Triangulation
 

@@ -25,7 +25,7 @@ from rich.table import Table
 
 from pgdl_lab import cache, paths, registry
 from pgdl_lab.assessment.comparison import Comparison
-from pgdl_lab.cli import experiment
+from pgdl_lab.composing import experiment
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.files import replacing
 from pgdl_lab.learning.data import Samples, Scene, Training
