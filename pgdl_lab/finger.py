@@ -1,10 +1,10 @@
 """The plugin kind `finger`: a soft body, its material and its loads."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,11 @@ class Finger(ABC):
         Mass density of the undeformed material [kg/m³].
     material
         The hyperelastic law.
+    open_mm
+        Dimensions that nothing but a calibration determines (`sweep=calibrate`), and the range of each [mm].
     """
+
+    open_mm: ClassVar[Mapping[str, tuple[float, float]]] = {}
 
     max_kpa: float = 50.0
     gravity_m_s2: list[float] = field(default_factory=lambda: [0.0, -9.81])

@@ -6,6 +6,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 def programs() -> Path | None:
@@ -30,7 +31,7 @@ def server(folder: Path, *settings: str) -> Iterator[str]:
     assert place is not None
     data = folder / "postgres"
     data.mkdir()
-    user = {"user": "postgres", "group": "postgres", "cwd": "/"} if os.geteuid() == 0 else {}
+    user: dict[str, Any] = {"user": "postgres", "group": "postgres", "cwd": "/"} if os.geteuid() == 0 else {}
     if user:
         shutil.chown(data, "postgres", "postgres")
         for above in (folder, *folder.parents[:2]):

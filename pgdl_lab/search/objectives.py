@@ -32,8 +32,7 @@ def values(folder: Path, objectives: Iterable[str], targets: Mapping[str, Sequen
     found = []
     for name in objectives:
         if name == MISFIT:
-            lacks = [(metric(each) - target) / tolerance for each, (target, tolerance) in targets.items()]
-            value = math.sqrt(sum(lack**2 for lack in lacks) / len(lacks))
+            value = max(abs(metric(each) - target) / tolerance for each, (target, tolerance) in targets.items())
         else:
             value = sum(metric(term) for term in name.split("+"))
         if not math.isfinite(value):

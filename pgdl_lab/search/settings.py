@@ -15,7 +15,7 @@ DEFAULT_SAMPLER = {
     "constant_liar": True,  # trials that run elsewhere are not tried twice
 }
 MISFIT = "misfit"
-"""Objective: root mean square of what the metrics lack to `targets`, each in units of its tolerance."""
+"""Objective: the most that a metric lacks to its target, in units of its tolerance."""
 
 
 @dataclass(frozen=True)

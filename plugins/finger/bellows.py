@@ -19,7 +19,7 @@ class Bellows(ExtrudedFinger):
     From the paper: the highest pressure, 120 kPa, and the extremes to meet. From the literature: the material, Elastic
     50A resin with the Yeoh coefficients that go with doi 10.1016/j.sna.2021.113199; the paper does not name its own.
     Calibrated: `width_mm`, `crest_mm`, `base_mm` and `fold_mm`, to u_x −150.38 … 5.015 mm at 120 kPa, by
-    `python examples/calibrate.py bellows --trials 12`; u_x runs from −152.20 to 5.02 mm. The other dimensions are
+    a search like `-m sweep=calibrate finger=bellows`; u_x runs from −152.20 to 5.02 mm. The other dimensions are
     chosen: long, low and with little room below the folds, since a higher or softer roof carries the front of the
     finger further than 5 mm. Two extremes do not determine a finger; others meet them too.
 
@@ -42,6 +42,13 @@ class Bellows(ExtrudedFinger):
     root_mm, tip_mm
         Solid blocks before the first and after the last fold [mm].
     """
+
+    open_mm = {
+        "width_mm": (16.0, 22.0),
+        "crest_mm": (3.0, 6.0),
+        "base_mm": (2.0, 4.0),
+        "fold_mm": (2.5, 5.0),
+    }
 
     max_kpa: float = 120.0
     material: Material = field(default_factory=lambda: Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562))

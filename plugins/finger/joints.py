@@ -19,7 +19,7 @@ class Joints(ExtrudedFinger):
     From the paper: the highest pressure, 45 kPa, and the extremes to meet. From the literature: the material, Elastic
     50A resin with the Yeoh coefficients that go with doi 10.1016/j.sna.2021.113199; the paper does not name its own.
     Calibrated: `phalanx_mm`, `tip_mm` and `chamber_height_mm`, to u_z −69.94 … 0.21 mm at 45 kPa, by
-    `python examples/calibrate.py joints --trials 8`; u_z runs from −69.85 to 0.085 mm. The other dimensions are chosen:
+    a search like `-m sweep=calibrate finger=joints`; u_z runs from −69.85 to 0.085 mm. The other dimensions are chosen:
     round values for a printed finger. Two extremes do not determine a finger; others meet them too.
 
     Attributes
@@ -41,6 +41,12 @@ class Joints(ExtrudedFinger):
     base_mm, channel_mm, bridge_mm, chamber_height_mm
         From the bottom up: base, air channel, solid between the chambers, chamber above it [mm].
     """
+
+    open_mm = {
+        "phalanx_mm": (12.0, 18.0),
+        "tip_mm": (10.0, 20.0),
+        "chamber_height_mm": (5.0, 9.0),
+    }
 
     max_kpa: float = 45.0
     material: Material = field(default_factory=lambda: Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562))

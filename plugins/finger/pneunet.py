@@ -46,6 +46,13 @@ class Pneunet(ExtrudedFinger):
         Solid blocks before the first (calibrated) and after the last chamber (none), left open [mm].
     """
 
+    open_mm = {
+        "root_mm": (0.0, 8.0),
+        "base_mm": (4.0, 7.0),
+        "bridge_mm": (1.5, 3.0),
+        "width_mm": (12.0, 16.0),
+    }
+
     width_mm: float = 13.2
     chambers: int = 10
     chamber_length_mm: float = 10.5

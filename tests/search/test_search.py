@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -18,8 +19,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import LOST, RETRY_OF
-from tests import postgres
-from tests.conftest import Lab, environment
+from tests.conftest import CHECKOUT, environment
 
 TOY = '''
 import time
@@ -52,15 +52,59 @@ class Toy(Fem):
         return Snapshots(np.eye(3, 2), np.array([[0, 1, 2]]), none, none, np.ones(1), u)
 '''
 SEARCH = ("-m", "sweep=search", "task=simulate", "fem=toy", "hydra.sweeper.objectives=[extremes_mm.fem.x.1]")
+TRAINING = ("-m", "sweep=search", "fem=toy", "fem.kind=body", "model=mlp", "loss=[data]", "yardstick=null")
+COMMANDS = {
+    "front": (
+        *(*SEARCH[:-1], "hydra.sweeper.objectives=[extremes_mm.fem.x.1,maximize extremes_mm.fem.z.1]"),
+        *("fem.a=interval(0,1)", "fem.b=interval(0,1)", "hydra.sweeper.n_trials=5", "hydra.sweeper.workers=2"),
+    ),
+    "again": ("experiment=front/pareto_1",),
+    "failures": (
+        *(*SEARCH, "fem.kind=choice(points,burst,slow)", "hydra.sweeper.trial_seconds=1", "hydra.sweeper.n_trials=3"),
+        "hydra.sweeper.max_failure_rate=0.8",
+        "hydra.sweeper.sampler={_target_:optuna.samplers.BruteForceSampler,seed:0}",
+    ),
+    "pruned": (
+        *(*TRAINING, "split.points=200", "trainer.max_epochs=3", "trainer.progress=false", "model.width=range(4,9)"),
+        *("hydra.sweeper.n_trials=2", "hydra.sweeper.pruner={_target_:optuna.pruners.ThresholdPruner,upper:1e-9}"),
+    ),
+    "calibration": ("-m", "sweep=calibrate_small", "finger=joints", "fem=toy", "hydra.sweeper.n_trials=2"),
+    "multirun": ("-m", "task=simulate", "fem=toy", "fem.a=0.3,0.5", "finger.wall_mm=3,-3"),
+}
+"""What is run in one process, the searches as studies of these names."""
 
 
-@pytest.fixture
-def toy(tmp_path: Path, migrated_database: Path) -> Path:
-    """A root with the plugin `fem=toy` and an empty database."""
-    (tmp_path / "plugins" / "fem").mkdir(parents=True)
-    (tmp_path / "plugins" / "fem" / "toy.py").write_text(TOY)
-    shutil.copy(migrated_database, tmp_path / "mlflow.db")
-    return tmp_path
+Done = tuple[Path, dict[str, tuple[int, str]]]
+
+
+def make_toy(root: Path, database: Path) -> Path:
+    """Give a root the plugin `fem=toy` and an empty database."""
+    (root / "plugins" / "fem").mkdir(parents=True)
+    (root / "plugins" / "fem" / "toy.py").write_text(TOY)
+    shutil.copy(database, root / "mlflow.db")
+    return root
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory, migrated_database: Path) -> Done:
+    """Root in which all commands were run; exit code and output of each."""
+    root = make_toy(tmp_path_factory.mktemp("searches"), migrated_database)
+    named = [
+        [*typed, f"hydra.sweeper.study={name}"] if any(text.startswith("sweep=") for text in typed) else [*typed]
+        for name, typed in COMMANDS.items()
+    ]
+    process = subprocess.run(
+        [sys.executable, str(CHECKOUT / "tests" / "search" / "driver.py")],
+        input=json.dumps(named),
+        env=environment(root),
+        cwd=root,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=True,
+    )
+    parts = re.split(r"^exit code (\d+)$", process.stdout, flags=re.MULTILINE)
+    return root, {name: (int(code), text) for name, text, code in zip(COMMANDS, parts[0::2], parts[1::2], strict=False)}
 
 
 def trials(root: Path, study: str = "search") -> list[FrozenTrial]:
@@ -81,14 +125,10 @@ def runs(root: Path, study: str = "search") -> tuple[Run, dict[str, Run]]:
     return parent, {run.data.tags["trial"]: run for run in mine}
 
 
-def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(lab: Lab, toy: Path) -> None:
-    typed = [
-        *(*SEARCH[:-1], "hydra.sweeper.objectives=[extremes_mm.fem.x.1,maximize extremes_mm.fem.z.1]"),
-        *("fem.a=interval(0,1)", "fem.b=interval(0,1)"),
-    ]
-    done = lab(*typed, "hydra.sweeper.n_trials=5", "hydra.sweeper.workers=2")
-    assert done.returncode == 0, done.stderr
-    folder = toy / "runs" / "search"
+def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(done: Done) -> None:
+    root, told = done
+    assert told["front"][0] == 0, told["front"][1]
+    folder = root / "runs" / "front"
     found = [json.loads((folder / str(n) / "metrics.json").read_text())["extremes_mm"]["fem"] for n in range(5)]
     pairs = {n: (found[n]["x"][1], found[n]["z"][1]) for n in range(5)}
     front = {
@@ -96,24 +136,24 @@ def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(lab: Lab, to
     }
     with (folder / "pareto.csv").open() as file:
         assert {int(row["trial"]) for row in csv.DictReader(file)} == front
-    files = sorted((toy / "runs" / "best" / "experiment" / "search").glob("*.yaml"))
+    files = sorted((root / "runs" / "best" / "experiment" / "front").glob("*.yaml"))
     assert [file.name for file in files] == [f"pareto_{place}.yaml" for place in range(1, len(front) + 1)]
-    parent, children = runs(toy)
+    parent, children = runs(root, "front")
     assert parent.info.status == "FINISHED"
     assert {child.data.tags["trial_state"] for child in children.values()} == {"complete"}
     assert children["0"].data.metrics["objective/extremes_mm.fem.x.1"] == pairs[0][0]
-    client = MlflowClient(f"sqlite:///{toy}/mlflow.db")
+    client = MlflowClient(f"sqlite:///{root}/mlflow.db")
     figures = {Path(file.path).stem for file in client.list_artifacts(parent.info.run_id, "figures")}
     assert {"history", "parallel_coordinates", "pareto"} <= figures
 
-    again = lab("experiment=search/pareto_1")
-    assert again.returncode == 0, again.stderr
-    best = json.loads((toy / "runs" / "latest" / "metrics.json").read_text())["extremes_mm"]["fem"]
+    assert told["again"][0] == 0, told["again"][1]
+    (again,) = root.glob("runs/*_*_*/metrics.json")
+    best = json.loads(again.read_text())["extremes_mm"]["fem"]
     assert (best["x"][1], best["z"][1]) == min(pairs[n] for n in front)
 
 
 @pytest.fixture
-def workers(toy: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
+def workers() -> Iterator[list[subprocess.Popen[bytes]]]:
     """Processes that are ended with the test."""
     started: list[subprocess.Popen[bytes]] = []
     yield started
@@ -127,8 +167,9 @@ def ended(found: list[FrozenTrial]) -> list[FrozenTrial]:
 
 
 def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
-    toy: Path, workers: list[subprocess.Popen[bytes]]
+    tmp_path: Path, migrated_database: Path, workers: list[subprocess.Popen[bytes]]
 ) -> None:
+    toy = make_toy(tmp_path, migrated_database)
     typed = [*SEARCH, "fem.a=interval(0,1)", "fem.wait_s=0.3", "hydra.sweeper.n_trials=12"]
 
     def start() -> subprocess.Popen[bytes]:
@@ -163,46 +204,50 @@ def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
     assert runs(toy)[0].info.status == "FINISHED"
 
 
-def test_trials_that_fail_or_take_too_long_are_told_and_the_others_run_on(lab: Lab, toy: Path) -> None:
-    brute = "hydra.sweeper.sampler={_target_:optuna.samplers.BruteForceSampler,seed:0}"
-    limits = ("hydra.sweeper.trial_seconds=1.5", "hydra.sweeper.max_failure_rate=0.8", "hydra.sweeper.n_trials=3")
-    done = lab(*SEARCH, "fem.kind=choice(points,burst,slow)", brute, *limits)
-    assert done.returncode == 0, done.stderr
-    states = {trial.params["fem.kind"]: (trial.state.name, trial.user_attrs.get("error")) for trial in trials(toy)}
-    slow = "The trial took longer than hydra.sweeper.trial_seconds=1.5 s."
+def test_trials_that_fail_or_take_too_long_are_told_and_the_others_run_on(done: Done) -> None:
+    root, told = done
+    assert told["failures"][0] == 0, told["failures"][1]
+    found = trials(root, "failures")
+    states = {trial.params["fem.kind"]: (trial.state.name, trial.user_attrs.get("error")) for trial in found}
+    slow = "The trial took longer than hydra.sweeper.trial_seconds=1 s."
     assert states == {"points": ("COMPLETE", None), "burst": ("FAIL", "The finger burst."), "slow": ("FAIL", slow)}
     for error in ("The finger burst.", slow):
-        assert f"failed: {error}" in done.stdout
-    _, children = runs(toy)
-    told = {child.data.tags.get("error"): child.info.status for child in children.values()}
-    assert told == {None: "FINISHED", "The finger burst.": "FAILED", slow: "FAILED"}
+        assert f"failed: {error}" in told["failures"][1]
+    _, children = runs(root, "failures")
+    kept = {child.data.tags.get("error"): child.info.status for child in children.values()}
+    assert kept == {None: "FINISHED", "The finger burst.": "FAILED", slow: "FAILED"}
 
 
-def test_a_training_is_pruned_from_inside(lab: Lab, toy: Path) -> None:
-    done = lab(
-        *("-m", "sweep=search", "fem=toy", "fem.kind=body", "model=mlp", "loss=[data]", "yardstick=null"),
-        *("split.points=200", "trainer.max_epochs=3", "trainer.progress=false", "model.width=range(4,9)"),
-        *("hydra.sweeper.n_trials=2", "hydra.sweeper.pruner={_target_:optuna.pruners.ThresholdPruner,upper:1e-9}"),
-    )
-    assert done.returncode == 0, done.stderr
-    found = trials(toy)
+def test_a_training_is_pruned_from_inside(done: Done) -> None:
+    root, told = done
+    assert told["pruned"][0] == 0, told["pruned"][1]
+    found = trials(root, "pruned")
     assert [(trial.state, list(trial.intermediate_values)) for trial in found] == [(TrialState.PRUNED, [1])] * 2
-    _, children = runs(toy)
-    told = {(child.data.tags["trial_state"], child.info.status) for child in children.values()}
-    assert told == {("pruned", "KILLED")}
+    _, children = runs(root, "pruned")
+    kept = {(child.data.tags["trial_state"], child.info.status) for child in children.values()}
+    assert kept == {("pruned", "KILLED")}
 
 
-def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(lab: Lab, toy: Path) -> None:
-    done = lab("-m", "task=simulate", "fem=toy", "fem.a=0.3,0.5", "finger.wall_mm=3,-3")
-    assert done.returncode == 1
-    assert "2 of the multirun's jobs failed" in done.stderr
-    (folder,) = (path.parent for path in (toy / "runs").glob("*/comparison.csv"))
+def test_a_calibration_is_of_the_finger_that_is_typed(done: Done) -> None:
+    root, told = done
+    assert told["calibration"][0] == 0, told["calibration"][1]
+    found = trials(root, "calibration")
+    searched = {"finger.phalanx_mm", "finger.tip_mm", "finger.chamber_height_mm"}
+    assert [set(trial.params) for trial in found] == [searched] * 2
+    assert [trial.value for trial in found] == [pytest.approx(69.94 / (0.02 * 69.94))] * 2  # a toy does not bend
+
+
+def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(done: Done) -> None:
+    root, told = done
+    assert told["multirun"][0] == 1
+    assert "2 of the multirun's jobs failed" in told["multirun"][1]
+    (folder,) = (path.parent for path in (root / "runs").glob("*/comparison.csv"))
     with (folder / "comparison.csv").open() as file:
         rows = list(csv.DictReader(file))
     good = [(row["fem.a"], float(row["extremes_mm.fem.z.0"])) for row in rows if not row["error"]]
     assert [a for a, _ in good] == ["0.3", "0.5"]
     assert sum("finger.wall_mm is -3.0 mm" in row["error"] for row in rows) == 2
-    client = MlflowClient(f"sqlite:///{toy}/mlflow.db")
+    client = MlflowClient(f"sqlite:///{root}/mlflow.db")
     parent = (folder / "mlflow_run_id").read_text()
     assert {file.path for file in client.list_artifacts(parent)} == {"comparison.csv", "figures"}
     found = client.search_runs([client.get_run(parent).info.experiment_id])
@@ -210,22 +255,3 @@ def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(lab
     assert {run.info.status for run in failed} == {"FAILED"}
     assert len(failed) == 2
     assert {run.data.params["finger.wall_mm"] for run in failed} == {"-3"}
-
-
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[str]:
-    """URL of an empty PostgreSQL database of its own."""
-    pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
-    if postgres.programs() is None:
-        pytest.skip("PostgreSQL is not installed")
-    with postgres.server(tmp_path, "fsync=off") as url:
-        yield url
-
-
-def test_workers_share_a_postgresql_database(lab: Lab, toy: Path, database: str) -> None:
-    typed = ("fem.a=interval(0,1)", "hydra.sweeper.n_trials=6", "hydra.sweeper.workers=2")
-    done = lab(*SEARCH, *typed, f"hydra.sweeper.storage='{database}'")
-    assert done.returncode == 0, done.stderr
-    found = optuna.load_study(study_name="search", storage=database).trials
-    assert [trial.state for trial in found] == [TrialState.COMPLETE] * 6
-    assert not (toy / "runs" / "search" / "study.journal").exists()

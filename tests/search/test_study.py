@@ -1,5 +1,6 @@
 """Studies inside one process: claims, losses and limits."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,41 @@ from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import parse
 from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import LOST, RETRY_OF, SharedStudy
+from tests import postgres
 
 
 def opened(folder: Path, typed: str = "x=interval(0,1)", config: Any = None, **fields: Any) -> SharedStudy:
     settings = SearchSettings("s", **{"n_trials": 4, "objectives": ["m"], **fields})
-    return SharedStudy(folder, settings, open_storage(None, folder), parse({}, [typed]), config or {"seed": 0})
+    return SharedStudy(
+        folder, settings, open_storage(settings.storage, folder), parse({}, [typed]), config or {"seed": 0}
+    )
 
 
 def nothing(trial: FrozenTrial) -> None:
     return None
 
 
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[str]:
+    """URL of an empty PostgreSQL database of its own."""
+    pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
+    if postgres.programs() is None:
+        pytest.skip("PostgreSQL is not installed")
+    with postgres.server(tmp_path, "fsync=off") as url:
+        yield url
+
+
 def test_workers_share_a_study_and_none_gets_more_than_is_left(tmp_path: Path) -> None:
-    one, two = opened(tmp_path), opened(tmp_path, batch=5)
+    check_sharing(tmp_path, None)
+
+
+def test_workers_share_a_study_in_postgresql(tmp_path: Path, database: str) -> None:
+    check_sharing(tmp_path, database)
+    assert not (tmp_path / "study.journal").exists()
+
+
+def check_sharing(folder: Path, storage: str | None) -> None:
+    one, two = opened(folder, storage=storage), opened(folder, storage=storage, batch=5)
     (first,) = one.claim(nothing)
     others = two.claim(nothing)
     assert [claim.trial.number for claim in others] == [1, 2, 3]

@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pgdl_lab import sweep
 from pgdl_lab.folders import BEST
+from pgdl_lab.search import calibration
 from pgdl_lab.search.settings import SearchSettings
 
 if TYPE_CHECKING:
@@ -48,6 +49,9 @@ class BestOfStudies(SearchPathPlugin):
         if BEST.is_dir():  # Hydra warns of places that do not exist
             search_path.append("pgdl_lab", f"file://{BEST.parent}")
 
+
+OmegaConf.register_new_resolver("open_dimensions", calibration.dimensions, replace=True)
+OmegaConf.register_new_resolver("paper_extremes", calibration.targets, replace=True)
 
 _node = OmegaConf.structured(SearchSettings)
 OmegaConf.set_readonly(_node, None)
