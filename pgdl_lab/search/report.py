@@ -17,10 +17,11 @@ from pgdl_lab.files import replacing
 from pgdl_lab.folders import BEST
 from pgdl_lab.search import figures
 from pgdl_lab.search.best import write_experiment
-from pgdl_lab.search.study import ERROR, LOST, SharedStudy
+from pgdl_lab.search.study import ERROR, LOST, SCHEMA, SharedStudy
 
 _log = logging.getLogger(__name__)
 SHOWN = 10  # rows of the table on the terminal
+OTHERS = 3  # seeds that tell what the best is worth
 
 
 def report(shared: SharedStudy) -> list[Path]:
@@ -51,7 +52,13 @@ def report(shared: SharedStudy) -> list[Path]:
         _log.warning("Trial %d failed: %s", trial.number, trial.user_attrs.get(ERROR))
     if best:
         file = "pareto_1" if several else "best"
-        _log.info("The best runs again by: python -m pgdl_lab experiment=%s/%s", shared.settings.study, file)
+        again = f"experiment={shared.settings.study}/{file}"
+        _log.info("The best runs again by: python -m pgdl_lab %s", again)
+        same = study.user_attrs[SCHEMA]["setting"]
+        if same.get("task") == "train" and "seed" in same:
+            others = ",".join(str(same["seed"] + number) for number in range(1, OTHERS + 1))
+            text = "Its value is the least of %d, in part by luck; what it is worth: python -m pgdl_lab -m %s seed=%s"
+            _log.info(text, len(shared.trials(TrialState.COMPLETE)), again, others)
     _log.info("Everything of this study is in %s", folder)
     return written
 

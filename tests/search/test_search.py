@@ -2,8 +2,8 @@
 
 import csv
 import json
+import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -11,47 +11,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import optuna
 import pytest
 from mlflow import MlflowClient
 from mlflow.entities import Run
 from optuna.trial import FrozenTrial, TrialState
 
-from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import LOST, RETRY_OF
 from tests.conftest import CHECKOUT, environment
+from tests.search.toy import SEARCH, make_toy, trials
 
-TOY = '''
-import time
-from dataclasses import dataclass
-import numpy as np
-from pgdl_lab.errors import LabError
-from pgdl_lab.fem import Fem
-from pgdl_lab.registry import register
-from pgdl_lab.snapshots import Snapshots
-from tests.synthetic import snapshots
-
-@register("fem", "toy")
-@dataclass(frozen=True)
-class Toy(Fem):
-    """Three points, or a body to train on."""
-    a: float = 0.5
-    b: float = 0.5
-    kind: str = "points"
-    wait_s: float = 0.0
-
-    def simulate(self, finger, observation):
-        if self.kind == "burst":
-            raise LabError("The finger burst.")
-        time.sleep(60 if self.kind == "slow" else self.wait_s)
-        if self.kind == "body":
-            return snapshots(cell_mm=2.5, count=3)
-        u = np.zeros((1, 3, 2))
-        u[0, 1] = (self.a - 0.3) ** 2, self.b * (1 + self.a)
-        none = np.zeros(0, dtype=np.int64)
-        return Snapshots(np.eye(3, 2), np.array([[0, 1, 2]]), none, none, np.ones(1), u)
-'''
-SEARCH = ("-m", "sweep=search", "task=simulate", "fem=toy", "hydra.sweeper.objectives=[extremes_mm.fem.x.1]")
 TRAINING = ("-m", "sweep=search", "fem=toy", "fem.kind=body", "model=mlp", "loss=[data]", "yardstick=null")
 COMMANDS = {
     "front": (
@@ -77,14 +45,6 @@ COMMANDS = {
 Done = tuple[Path, dict[str, tuple[int, str]]]
 
 
-def make_toy(root: Path, database: Path) -> Path:
-    """Give a root the plugin `fem=toy` and an empty database."""
-    (root / "plugins" / "fem").mkdir(parents=True)
-    (root / "plugins" / "fem" / "toy.py").write_text(TOY)
-    shutil.copy(database, root / "mlflow.db")
-    return root
-
-
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory, migrated_database: Path) -> Done:
     """Root in which all commands were run; exit code and output of each."""
@@ -105,15 +65,6 @@ def done(tmp_path_factory: pytest.TempPathFactory, migrated_database: Path) -> D
     )
     parts = re.split(r"^exit code (\d+)$", process.stdout, flags=re.MULTILINE)
     return root, {name: (int(code), text) for name, text, code in zip(COMMANDS, parts[0::2], parts[1::2], strict=False)}
-
-
-def trials(root: Path, study: str = "search") -> list[FrozenTrial]:
-    folder = root / "runs" / study
-    if not (folder / "study.journal").exists():
-        return []
-    storage = open_storage(None, folder)
-    names = [summary.study_name for summary in optuna.get_all_study_summaries(storage)]
-    return optuna.load_study(study_name=study, storage=storage).trials if names else []
 
 
 def runs(root: Path, study: str = "search") -> tuple[Run, dict[str, Run]]:
@@ -170,12 +121,14 @@ def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
     tmp_path: Path, migrated_database: Path, workers: list[subprocess.Popen[bytes]]
 ) -> None:
     toy = make_toy(tmp_path, migrated_database)
-    typed = [*SEARCH, "fem.a=interval(0,1)", "fem.wait_s=0.3", "hydra.sweeper.n_trials=12"]
+    typed = [*SEARCH[1:], "fem.a=interval(0,1)", "fem.wait_s=0.3", "hydra.sweeper.n_trials=12"]
+    plain = (sys.executable, "-m", "pgdl_lab", "-m")
 
-    def start() -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "pgdl_lab", *typed]
+    def start(*command: str) -> subprocess.Popen[bytes]:
+        slurm = {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "SLURM_CPUS_PER_TASK": "1"}
         with (toy / "output.log").open("ab") as output:
-            workers.append(subprocess.Popen(command, env=environment(toy), stdout=output, stderr=output))
+            known = {**environment(toy), **slurm}
+            workers.append(subprocess.Popen([*command, *typed], env=known, stdout=output, stderr=output))
         return workers[-1]
 
     def wait_for(count: int) -> None:
@@ -184,14 +137,14 @@ def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
             assert time.monotonic() < limit, (toy / "output.log").read_text()
             time.sleep(0.05)
 
-    first, second = start(), start()
+    first, second = start("bash", str(CHECKOUT / "examples" / "slurm_workers.sh")), start(*plain)
     wait_for(3)
     first.send_signal(signal.SIGKILL)
     wait_for(6)
     second.send_signal(signal.SIGKILL)
     first.wait()
     second.wait()
-    assert start().wait(timeout=100) == 0, (toy / "output.log").read_text()
+    assert start(*plain).wait(timeout=100) == 0, (toy / "output.log").read_text()
     found = trials(toy)
     assert len(ended(found)) == 12
     assert {trial.state for trial in ended(found)} == {TrialState.COMPLETE}
