@@ -15,8 +15,8 @@ except PackageNotFoundError:  # run from a checkout that is not installed
     __version__ = "0+checkout"
 
 
-def load(path: str | Path) -> Surrogate:
-    """Read a surrogate file; see `pgdl_lab.surrogate.load`."""
-    from pgdl_lab.surrogate import load  # torch is imported only when it is needed
+def load(path: str | Path, outside: str = "warn") -> Surrogate:
+    """Read a surrogate file; see `pgdl_lab.deploy.loading.load`."""
+    from pgdl_lab.deploy.loading import load  # NumPy is imported only when it is needed
 
-    return load(path)
+    return load(path, outside)

@@ -16,6 +16,7 @@ from pgdl_lab.paths import CONF
 def store_choices() -> None:
     """Put all plugins, settings and tasks into Hydra's ConfigStore."""
     registry.discover()
+    registry.store()
     store_schema()
     for module in pkgutil.iter_modules(tasks.__path__):
         ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")

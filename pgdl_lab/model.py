@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    import numpy as np
+    from numpy.typing import NDArray
 
     from pgdl_lab.learning.data import Training
     from pgdl_lab.surrogate import Record, Surrogate
@@ -31,5 +32,5 @@ class Model(ABC):
         """
 
     @abstractmethod
-    def restore(self, state: Mapping[str, Tensor], record: Record) -> Surrogate:
+    def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
         """The surrogate whose `state()` and `record` these are."""

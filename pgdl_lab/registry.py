@@ -1,7 +1,8 @@
 """The registry of plugins: what is registered can be typed on the command line.
 
-A plugin is a frozen dataclass. Its fields are its configuration, so the decorator also stores it as a typed node in
-Hydra's ConfigStore, and no YAML file repeats the defaults.
+A plugin is a frozen dataclass. Its fields are its configuration, so the decorator also keeps it as a typed node for
+Hydra's ConfigStore, and no YAML file repeats the defaults. Hydra itself is imported by the command line alone: a robot
+that loads a surrogate does without it.
 
     @register("finger", "bellows")
     @dataclass(frozen=True)
@@ -20,7 +21,6 @@ from functools import partial
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
-from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, OmegaConf, flag_override
 
 from pgdl_lab.errors import InputError
@@ -33,6 +33,8 @@ PARTS = {"material": "finger"}
 
 _log = logging.getLogger(__name__)
 _plugins: dict[str, dict[str, type]] = {kind: {} for kind in (*KINDS, *PARTS)}
+_nodes: dict[tuple[str, str], tuple[DictConfig, str | None]] = {}
+"""Configuration and package of what can be typed, by group and name."""
 
 Plugin = TypeVar("Plugin", bound=type)
 
@@ -72,7 +74,15 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
 
 
 def _store(group: str, name: str, node: DictConfig, package: str | None = None) -> None:
-    ConfigStore.instance().store(group=group, name=name, node=node, package=package, provider="pgdl_lab")
+    _nodes[group, name] = node, package
+
+
+def store() -> None:
+    """Put all that is registered into Hydra's ConfigStore."""
+    from hydra.core.config_store import ConfigStore
+
+    for (group, name), (node, package) in _nodes.items():
+        ConfigStore.instance().store(group=group, name=name, node=node, package=package, provider="pgdl_lab")
 
 
 def _own_part(node: DictConfig, part: str, kind: str, name: str) -> str:
@@ -104,19 +114,19 @@ def _lift_readonly(node: Any) -> None:
             _lift_readonly(node._get_node(key))
 
 
-def discover() -> None:
-    """Import every plugin: the modules of `pgdl_lab.plugins`, then the entry points `pgdl_lab.plugins`.
+def discover(*kinds: str) -> None:
+    """Import every plugin, or those of `kinds`: the modules of `pgdl_lab.plugins`, then the entry points of that name.
 
     A plugin that cannot be imported is named in a warning, and the others still load.
     """
-    for module in _modules():
+    for module in _modules(kinds or tuple(_plugins)):
         _load(module, partial(importlib.import_module, module))
     for entry in sorted(entry_points(group="pgdl_lab.plugins")):
         _load(f"entry point {entry.name} = {entry.value}", entry.load)
 
 
-def _modules() -> Iterable[str]:
-    for kind in _plugins:
+def _modules(kinds: Iterable[str]) -> Iterable[str]:
+    for kind in kinds:
         try:
             package = importlib.import_module(f"pgdl_lab.plugins.{kind}")
         except ModuleNotFoundError:
@@ -162,6 +172,8 @@ def choices(group: str) -> list[str]:
 
     Searches leave files of the group `experiment`.
     """
+    from hydra.core.config_store import ConfigStore
+
     files = (path.stem for folder in (CONF, BEST) for path in (folder / group).glob("*.yaml"))
     stored: Any = ConfigStore.instance().repo
     for folder in group.split("/"):

@@ -1,35 +1,59 @@
-"""A trained model: predict, save, load."""
+"""A trained model: predict, invert, save. Needs NumPy alone; models that are networks bring torch with them."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike, NDArray
-from omegaconf import OmegaConf
-from torch import Tensor
 
+from pgdl_lab.deploy.face_mesh import FaceMesh
+from pgdl_lab.deploy.inverse import Answer, Inverse
+from pgdl_lab.deploy.probe import Probe
+from pgdl_lab.deploy.query import points_of, pressures_of
 from pgdl_lab.errors import InputError
-from pgdl_lab.model import Model
-from pgdl_lab.registry import describe, discover
-from pgdl_lab.registry import restored as node_of
+from pgdl_lab.files import replacing
 
 FORMAT = "pgdl_lab surrogate"
-VERSION = 1
+VERSION = 2
+AT_REST = 0.1  # of the highest trained pressure: if the lowest lies below that, all from 0 kPa on count as trained
+ROUNDING = 1e-9  # of the highest trained pressure
 UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}
+
+Floats = NDArray[np.float64]
+
+
+class Outside(UserWarning):
+    """A question that the surrogate was not trained for."""
+
+
+@dataclass(frozen=True)
+class Face:
+    """The side face that a surrogate is a field on.
+
+    Attributes
+    ----------
+    mesh
+        The undeformed face.
+    base
+        (B,) int64, points of the base line, from the root to the tip.
+    """
+
+    mesh: FaceMesh
+    base: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Record:
-    """What a surrogate remembers of its training (JSON types only).
+    """What a surrogate remembers of its training (JSON types, but for the face).
 
     Attributes
     ----------
@@ -39,11 +63,14 @@ class Record:
         Where the training data come from.
     history
         Entries of the loss history: "epoch", "seconds", "lr", "raw/<loss>", "weighted/<loss>", "share/<loss>".
+    face
+        The side face; None if it is not known, so that nobody can tell what lies off the body.
     """
 
     ranges: dict[str, list[float]]
     provenance: dict[str, Any]
     history: list[dict[str, float]] = field(default_factory=list)
+    face: Face | None = field(default=None, compare=False)
 
     @property
     def provenance_hash(self) -> str:
@@ -52,29 +79,66 @@ class Record:
 
 
 class Surrogate(ABC):
-    """The displacement of the side face as a function of place and pressure.
+    """The displacement of the side face as a function of place and pressure. Threads may share one.
 
     Parameters
     ----------
     model
-        The rule that made it.
+        Name and settings of the model that it was trained as.
     record
         What it remembers of its training.
+
+    Attributes
+    ----------
+    outside
+        What a question is answered with that the surrogate was not trained for, a pressure outside the trained ones or
+        a point off the body: "warn" (once for each of the two), "raise" or "ignore".
     """
 
-    def __init__(self, model: Model, record: Record) -> None:
-        self.model = model
+    def __init__(self, model: Mapping[str, Any], record: Record) -> None:
+        self.model = dict(model)
         self.record = record
+        self.outside = "warn"
+        self._warned: set[str] = set()
+        self._last: tuple[Floats, Probe] | None = None  # control loops ask for the same points again and again
 
     @abstractmethod
-    def state(self) -> dict[str, Tensor]:
-        """Everything that was learnt, as tensors on the CPU."""
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that was learnt."""
 
     @abstractmethod
-    def displacements(self, points_mm: NDArray[np.float64], pressures_kpa: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Displacements (P, N, 2) [mm] at checked points (N, 2) [mm] and pressures (P,) [kPa]."""
+    def probe(self, points_mm: Floats) -> Probe:
+        """The surrogate at checked points (N, 2) [mm]; those off the body count as their nearest points on it."""
 
-    def predict(self, points_mm: ArrayLike, pressure_kpa: ArrayLike) -> NDArray[np.float64]:
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of points, pressure and displacement."""
+        return dict(UNITS)
+
+    @property
+    def ranges(self) -> dict[str, list[float]]:
+        """Least and greatest training value: "x_mm", "z_mm" and "pressure_kpa"."""
+        return {name: list(bounds) for name, bounds in self.record.ranges.items()}
+
+    @property
+    def face(self) -> Face:
+        """The side face.
+
+        Raises
+        ------
+        InputError
+            When it is not known.
+        """
+        if self.record.face is None:
+            raise InputError("This surrogate knows no face, as it was not trained by `python -m pgdl_lab`; do that.")
+        return self.record.face
+
+    @property
+    def tip_mm(self) -> Floats:
+        """The end of the undeformed base line (2,) [mm]."""
+        return self.face.mesh.points_mm[self.face.base[-1]]
+
+    def predict(self, points_mm: ArrayLike, pressure_kpa: ArrayLike) -> Floats:
         """Displacement of points of the undeformed face.
 
         Parameters
@@ -91,18 +155,30 @@ class Surrogate(ABC):
         Raises
         ------
         InputError
-            When a shape is wrong, a value is not a finite number, or a point lies outside the body of a model that
-            knows the body.
+            When a shape is wrong or a value is not a finite number; with outside="raise" also when a pressure or a
+            point lies outside what was trained.
         """
-        points, pressures = _query(points_mm, pressure_kpa)
-        field = self.displacements(points, np.atleast_1d(pressures))
-        return field if pressures.ndim else field[0]
+        points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
+        probe = self._probed(points)
+        self._check_pressures(points, pressures)
+        return probe.values(pressures) if pressures.ndim else probe.value(float(pressures))
 
-    def bars(self, points_mm: NDArray[np.float64], pressures_kpa: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def at(self, points_mm: ArrayLike) -> At:
+        """The surrogate at fixed points, for control loops: `at(points)(kpa)` is `predict(points, kpa)`, but faster.
+
+        Raises
+        ------
+        InputError
+            See `predict`.
+        """
+        points = points_of(points_mm)
+        return At(self, points, self._probed(points))
+
+    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
         """Error bars (P, N) [mm] at checked points (N, 2) [mm] and pressures (P,) [kPa]; None: has none."""
         return None
 
-    def error_bar(self, points_mm: ArrayLike, pressure_kpa: ArrayLike) -> NDArray[np.float64] | None:
+    def error_bar(self, points_mm: ArrayLike, pressure_kpa: ArrayLike) -> Floats | None:
         """What the model itself expects to err by: |error| of u_x, and of u_z, stays below it in 95 of 100 cases.
 
         Parameters
@@ -117,96 +193,157 @@ class Surrogate(ABC):
         Raises
         ------
         InputError
-            See `predict`.
+            When a shape is wrong or a value is not a finite number.
         """
-        points, pressures = _query(points_mm, pressure_kpa)
+        points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
         bars = self.bars(points, np.atleast_1d(pressures))
         return bars if bars is None or pressures.ndim else bars[0]
 
+    def pressure_for(
+        self,
+        *,
+        tip: Sequence[float | None] | None = None,
+        curvature: float | None = None,
+        tolerance: float | None = None,
+    ) -> Answer:
+        """The pressure at which the tip is at a place, or the base line has a mean curvature.
+
+        Parameters
+        ----------
+        tip
+            x and z of the deformed tip [mm]; None in place of one of them leaves it free.
+        curvature
+            Mean curvature of the base line [1/m], positive when the finger bends upwards.
+        tolerance
+            How far off still counts as reached [mm or 1/m]; by default 0.1 mm and 0.01 / m.
+
+        Returns
+        -------
+        The pressure within the trained ones, and whether the target is reached; if not, the nearest that is.
+
+        Raises
+        ------
+        InputError
+            When not exactly one target is given, or it is not made of finite numbers.
+        """
+        return self._inverse.pressure_for(tip, curvature, tolerance)
+
+    @cached_property
+    def _inverse(self) -> Inverse:
+        return Inverse(self)
+
+    def trained_kpa(self) -> tuple[float, float]:
+        """Least and greatest pressure that count as trained [kPa]."""
+        if "pressure_kpa" not in self.record.ranges:
+            return -np.inf, np.inf
+        low, high = self.record.ranges["pressure_kpa"]
+        return 0.0 if 0 <= low <= AT_REST * high else low, high + ROUNDING * abs(high)
+
     def save(self, path: str | Path) -> None:
         """Write the surrogate to `path`; the file appears there only when it is complete."""
-        path = Path(path)
+        import torch
+
+        def tensors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
+            return {name: torch.from_numpy(np.array(array, order="C")) for name, array in arrays.items()}
+
+        face, record = self.record.face, self.record
         content = {
             "format": FORMAT,
             "version": VERSION,
-            "model": describe(self.model),
-            "state": self.state(),
-            "record": asdict(self.record),
+            "model": self.model,
+            "state": tensors(self.state()),
+            "record": {"ranges": record.ranges, "provenance": record.provenance, "history": record.history},
+            "face": face and tensors({**asdict(face.mesh), "base": face.base}),
             "provenance_hash": self.record.provenance_hash,
             "units": UNITS,
         }
-        write_atomically(content, path)
+        with replacing(Path(path)) as temporary:
+            torch.save(content, temporary)
 
+    def _probed(self, points_mm: Floats) -> Probe:
+        """The probe of these points, which are checked; that of the last ones is kept."""
+        last = self._last
+        if last is not None and np.array_equal(last[0], points_mm):
+            return last[1]
+        self._check_points(points_mm)
+        probe = self.probe(points_mm)
+        self._last = points_mm.copy(), probe
+        return probe
 
-def write_atomically(content: Any, path: Path) -> None:
-    """`torch.save` to a temporary name in the same folder, then rename."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        torch.save(content, temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    def _check_points(self, points_mm: Floats) -> None:
+        face = self.record.face
+        if face is None or self.outside == "ignore" or not len(points_mm):
+            return
+        distance_mm = face.mesh.distance_mm(points_mm, *face.mesh.locate(points_mm))
+        off = np.flatnonzero(distance_mm > face.mesh.tolerance_mm)
+        if len(off):
+            x, z = points_mm[distance_mm.argmax()]
+            self._complain(
+                "points",
+                f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, z = {z:g} mm "
+                f"by {distance_mm.max():.3g} mm: give points in mm on the body; each counts as the nearest point on it"
+                f"{self._told_bar(points_mm[off], self.record.ranges['pressure_kpa'][1])}.",
+            )
 
-
-def load(path: str | Path) -> Surrogate:
-    """Read a surrogate that `Surrogate.save` wrote; never runs code from the file.
-
-    Raises
-    ------
-    InputError
-        When there is no such file, it is damaged, or it is no surrogate of a known version and model.
-    """
-    path = Path(path)
-    content = read_safely(path, "surrogate")
-    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        raise InputError(f"{path} is not a surrogate of pgdl_lab; give the surrogate.pt of a run.")
-    if content.get("version") != VERSION:
-        raise InputError(
-            f"{path} has format version {content.get('version')}, but this pgdl_lab reads {VERSION}; train it again."
+    def _check_pressures(self, points_mm: Floats, pressures_kpa: Floats) -> None:
+        low, high = self.trained_kpa()
+        outside = (pressures_kpa < low) | (pressures_kpa > high)
+        if self.outside == "ignore" or not outside.any():
+            return
+        which = np.atleast_1d(pressures_kpa)[np.atleast_1d(outside)]
+        farthest = float(which[np.abs(which - (low + high) / 2).argmax()])
+        trained = "{:g} to {:g}".format(*self.record.ranges["pressure_kpa"])
+        self._complain(
+            "pressures",
+            f"{farthest:g} kPa lies outside the trained {trained} kPa: give pressures in kPa within them, or take the "
+            f"answer as an extrapolation{self._told_bar(points_mm, farthest)}.",
         )
-    discover()
-    try:
-        model: Any = OmegaConf.to_object(node_of("model", content["model"]))
-        restored: Surrogate = model.restore(content["state"], Record(**content["record"]))
-        return restored
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(f"{path} does not hold the weights that its model needs; train it again.") from error
+
+    def _told_bar(self, points_mm: Floats, kpa: float) -> str:
+        bars = self.bars(points_mm, np.array([kpa])) if len(points_mm) else None
+        return " without an error bar" if bars is None else f", with an error bar of up to {bars.max():.2g} mm"
+
+    def _complain(self, what: str, message: str) -> None:
+        if self.outside == "raise":
+            raise InputError(message)
+        if what not in self._warned:
+            self._warned.add(what)
+            warnings.warn(message, Outside, stacklevel=4)
 
 
-def read_safely(path: Path, what: str) -> Any:
-    """`torch.load` of plain data and tensors, onto the CPU.
+class At:
+    """A surrogate at fixed points; see `Surrogate.at`.
 
-    Raises
-    ------
-    InputError
-        When there is no such file, or it is damaged or foreign.
+    Parameters
+    ----------
+    surrogate
+        The surrogate.
+    points_mm
+        (N, 2), checked points [mm].
+    probe
+        The surrogate at them.
     """
-    try:
-        return torch.load(path, map_location="cpu", weights_only=True)
-    except OSError as error:
-        raise InputError(f"The {what} {path} cannot be read: {error.strerror}.") from error
-    except Exception as error:  # the unpickler trips over foreign bytes in many ways
-        raise InputError(f"{path} is damaged or not a {what} of pgdl_lab; give another file or train again.") from error
 
+    def __init__(self, surrogate: Surrogate, points_mm: Floats, probe: Probe) -> None:
+        self._surrogate, self._points_mm, self._probe = surrogate, points_mm, probe
+        self._low, self._high = surrogate.trained_kpa()
 
-def _query(points_mm: ArrayLike, pressure_kpa: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (N, 2) and pressures () or (P,), checked."""
-    points = _numbers(points_mm, "points_mm")
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise InputError(f"points_mm has shape {points.shape}; it must be (N, 2): x and z of N points in mm.")
-    pressures = _numbers(pressure_kpa, "pressure_kpa")
-    if pressures.ndim > 1:
-        raise InputError(f"pressure_kpa has shape {pressures.shape}; it must be a number or (P,), in kPa.")
-    return points, pressures
+    def __call__(self, pressure_kpa: float) -> Floats:
+        """Displacement (N, 2) [mm] at a pressure [kPa]."""
+        return self._probe.value(self._checked(pressure_kpa))
 
+    def slope(self, pressure_kpa: float) -> Floats:
+        """Derivative (N, 2) of the displacement by the pressure [mm/kPa]."""
+        return self._probe.slope(self._checked(pressure_kpa))
 
-def _numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    try:
-        numbers = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} cannot be read as numbers ({error}).") from error
-    if not np.isfinite(numbers).all():
-        raise InputError(f"{name} holds {int((~np.isfinite(numbers)).sum())} values that are not finite; remove them.")
-    return numbers
+    def _checked(self, kpa: float) -> float:
+        try:
+            if self._low <= kpa <= self._high:  # not so for NaN
+                return float(kpa)
+        except (TypeError, ValueError):
+            pass  # what is no number is named below
+        pressure = pressures_of(kpa)
+        if pressure.ndim:
+            raise InputError(f"pressure_kpa has shape {pressure.shape}; it must be one number in kPa, or use predict.")
+        self._surrogate._check_pressures(self._points_mm, pressure)
+        return float(pressure)

@@ -32,6 +32,7 @@ def copied(folder: dict[str, Any]) -> dict[str, Any]:
 def clean(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the registry, Hydra's store and the imported modules as they were."""
     monkeypatch.setattr(registry, "_plugins", {kind: dict(known) for kind, known in registry._plugins.items()})
+    monkeypatch.setattr(registry, "_nodes", dict(registry._nodes))
     store = ConfigStore.instance()
     monkeypatch.setattr(store, "repo", copied(store.repo))
     monkeypatch.setattr(sys, "modules", sys.modules.copy())

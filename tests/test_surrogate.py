@@ -1,3 +1,11 @@
+import json
+import os
+import pickle
+import subprocess
+import sys
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -6,9 +14,11 @@ import pytest
 import torch
 
 import pgdl_lab
+from pgdl_lab.deploy import numpy_form
 from pgdl_lab.errors import InputError
 from pgdl_lab.registry import discover, plugin
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate import Outside, Surrogate
+from tests.conftest import CHECKOUT
 from tests.trainings import small, training
 
 discover()
@@ -21,22 +31,43 @@ MODELS = {
 }
 
 
+def trained(name: str, folder: Path) -> Surrogate:
+    torch.set_num_threads(1)
+    model = plugin("model", name)(**MODELS[name])
+    surrogate = model.fit(training(folder, {"data": {}}, max_epochs=1))
+    assert isinstance(surrogate, Surrogate)
+    return surrogate
+
+
 @pytest.fixture(scope="module", params=MODELS)
 def surrogate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Surrogate:
-    torch.set_num_threads(1)
-    model = plugin("model", request.param)(**MODELS[request.param])
-    trained = model.fit(training(tmp_path_factory.mktemp("run"), {"data": {}}, max_epochs=1))
-    assert isinstance(trained, Surrogate)
-    return trained
+    return trained(request.param, tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture(scope="module")
+def linear(tmp_path_factory: pytest.TempPathFactory) -> Surrogate:
+    return trained("pod", tmp_path_factory.mktemp("run"))
 
 
 def test_one_pressure_gives_n_by_2_and_several_p_by_n_by_2(surrogate: Surrogate) -> None:
     points = small().points
-    several = surrogate.predict(points, [10.0, 20.0, 60.0])
+    several = surrogate.predict(points, [10.0, 20.0, 50.0])
     assert several.shape == (3, len(points), 2) and several.dtype == np.float64
     assert surrogate.predict(points, 20) == pytest.approx(several[1], abs=1e-4)
     assert surrogate.predict(points[3:4], 20.0) == pytest.approx(several[1, 3:4], abs=1e-4)
+    assert surrogate.at(points[3:4])(20.0) == pytest.approx(several[1, 3:4], abs=1e-4)
+
+
+def test_no_points_and_no_pressures_give_empty_fields(surrogate: Surrogate) -> None:
+    points = small().points
     assert surrogate.predict(points, []).shape == (0, len(points), 2)
+    assert surrogate.predict(np.empty((0, 2)), 10.0).shape == (0, 2)
+    assert surrogate.predict(np.empty((0, 2)), [10.0, 20.0]).shape == (2, 0, 2)
+
+
+def test_slopes_are_those_of_the_field(surrogate: Surrogate) -> None:
+    at = surrogate.at(small().points[::50])
+    assert at.slope(20.0) == pytest.approx((at(20.5) - at(19.5)), rel=2e-2, abs=1e-3)
 
 
 def test_error_bars_have_the_shape_of_the_question(surrogate: Surrogate) -> None:
@@ -51,20 +82,95 @@ def test_error_bars_have_the_shape_of_the_question(surrogate: Surrogate) -> None
         surrogate.error_bar(points[0], 10.0)
 
 
+def test_knows_units_ranges_and_its_tip(surrogate: Surrogate) -> None:
+    assert surrogate.units == {"points": "mm", "pressure": "kPa", "displacement": "mm"}
+    assert surrogate.ranges["pressure_kpa"] == [2.5, 50.0]
+    assert surrogate.tip_mm == pytest.approx([114.0, 0.0])
+
+
 @pytest.mark.parametrize(
     ("points", "kpa", "words"),
     [
         ([1.0, 2.0], 10.0, r"points_mm has shape \(2,\)"),
+        ([], 10.0, r"points_mm has shape \(0,\)"),
         ([[1.0, 2.0, 3.0]], 10.0, r"points_mm has shape \(1, 3\)"),
+        ([[[1.0, 2.0]]], 10.0, r"points_mm has shape \(1, 1, 2\)"),
         ([[1.0, float("nan")]], 10.0, "points_mm holds 1 values that are not finite"),
         ([[1.0, 2.0]], float("inf"), "pressure_kpa holds 1 values"),
         ([[1.0, 2.0]], [[1.0]], r"pressure_kpa has shape \(1, 1\)"),
         ([["a", "b"]], 1.0, "points_mm cannot be read as numbers"),
+        ([[1.0, 2.0]], None, "pressure_kpa cannot be read as numbers"),
+        ([[1.0, 2.0]], "30 kPa", "pressure_kpa cannot be read as numbers"),
+        ([[1.0, 2.0]], 1j, "pressure_kpa cannot be read as numbers"),
+        ([[1.0], [1.0, 2.0]], 1.0, "points_mm cannot be read as numbers"),
     ],
 )
 def test_bad_input_is_named(surrogate: Surrogate, points: Any, kpa: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         surrogate.predict(points, kpa)
+
+
+@pytest.mark.parametrize("kpa", [float("nan"), "x", None, [1.0, 2.0]])
+def test_bad_pressures_of_a_loop_are_named(linear: Surrogate, kpa: Any) -> None:
+    with pytest.raises(InputError, match="pressure_kpa"):
+        linear.at([[5.0, 5.0]])(kpa)
+
+
+def test_any_shape_is_answered_or_refused_in_a_sentence(linear: Surrogate) -> None:
+    rng = np.random.default_rng(0)
+    linear.outside = "ignore"
+    for _ in range(300):
+        points_shape, kpa_shape = (tuple(rng.integers(0, 4, rng.integers(0, 4))) for _ in range(2))
+        kinds = [float, np.float32, int, bool, complex, object, "U8"]
+        points = np.array(114 * rng.random(points_shape)).astype(kinds[rng.integers(len(kinds))])
+        kpa = np.array(50 * rng.random(kpa_shape)).astype(kinds[rng.integers(len(kinds))])
+        try:
+            field = linear.predict(points, kpa)
+        except InputError as refused:
+            assert "\n" not in str(refused)
+            numeric = points.dtype.kind in "fi" and kpa.dtype.kind in "fi"
+            assert not (numeric and points.ndim == 2 and points.shape[1] == 2 and kpa.ndim < 2)
+        else:
+            assert field.shape == (*kpa.shape, *points.shape)
+            assert np.isfinite(field).all()
+    linear.outside = "warn"
+
+
+def test_pressures_and_points_outside_are_told_once_with_the_error_bar(linear: Surrogate, tmp_path: Path) -> None:
+    linear.save(tmp_path / "surrogate.pt")
+    fresh = pgdl_lab.load(tmp_path / "surrogate.pt")
+    with pytest.warns(Outside, match=r"60 kPa lies outside the trained 2.5 to 50 kPa: .* bar of up to .* mm\.$"):
+        beyond = fresh.predict([[114.0, 0.0]], 60.0)
+    with pytest.warns(Outside, match=r"1 of 1 points lie off the .* x = 11, z = 15 mm by 0\.5 mm: .* error bar"):
+        fresh.predict([[11.0, 15.0]], 10.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.array_equal(fresh.predict([[114.0, 0.0]], 60.0), beyond)
+        assert np.array_equal(fresh.at([[114.0, 0.0]])(60.0), beyond)
+        assert fresh.predict([[11.0, 16.0]], 10.0) == pytest.approx(fresh.predict([[10.5, 16.0]], 10.0))
+        linear.predict(small().points, [0.0, 50.0])  # the pressures from 0 up to the first snapshot count as trained
+
+
+def test_pressures_and_points_outside_can_be_refused(surrogate: Surrogate, tmp_path: Path) -> None:
+    surrogate.save(tmp_path / "surrogate.pt")
+    strict = pgdl_lab.load(tmp_path / "surrogate.pt", outside="raise")
+    with pytest.raises(InputError, match="30000 kPa lies outside the trained 2.5 to 50 kPa: give pressures in kPa"):
+        strict.predict([[114.0, 0.0]], 30000.0)
+    with pytest.raises(InputError, match="-5 kPa lies outside"):
+        strict.at([[114.0, 0.0]])(-5.0)
+    with pytest.raises(InputError, match="points lie off the undeformed body, such as x = 0.114, z = 20 mm"):
+        strict.predict([[0.114, 20.0]], 10.0)
+    with pytest.raises(InputError, match="outside is 'shout'"):
+        pgdl_lab.load(tmp_path / "surrogate.pt", outside="shout")
+
+
+def test_threads_share_a_surrogate(surrogate: Surrogate) -> None:
+    points = small().points
+    parts = [points[start::7] for start in range(7)]
+    alone = [surrogate.predict(part, 20.0) for part in parts]
+    with ThreadPoolExecutor(8) as threads:
+        together = list(threads.map(lambda turn: surrogate.predict(parts[turn % 7], 20.0), range(210)))
+    assert all(np.array_equal(field, alone[turn % 7]) for turn, field in enumerate(together))
 
 
 def test_round_trip_is_exact(surrogate: Surrogate, tmp_path: Path) -> None:
@@ -81,46 +187,163 @@ def test_round_trip_is_exact(surrogate: Surrogate, tmp_path: Path) -> None:
 def test_file_says_what_it_holds(surrogate: Surrogate, tmp_path: Path) -> None:
     surrogate.save(tmp_path / "surrogate.pt")
     content = torch.load(tmp_path / "surrogate.pt", weights_only=True)
-    assert content["format"] == "pgdl_lab surrogate" and content["version"] == 1
+    assert content["format"] == "pgdl_lab surrogate" and content["version"] == 2
     assert content["units"] == {"points": "mm", "pressure": "kPa", "displacement": "mm"}
     assert content["record"]["ranges"]["pressure_kpa"][1] == 50 and len(content["provenance_hash"]) == 64
 
 
 def foreign_files(folder: Path, surrogate: Surrogate) -> dict[str, Path]:
     """Files that are no surrogates, by what is wrong with them."""
-    names = ("empty", "text", "tensor", "truncated", "version", "model", "state", "pickle")
+    names = (
+        *("empty", "text", "tensor", "truncated", "version", "model", "state", "pickle", "nan", "shape", "face"),
+        *("malicious", "compressed"),
+    )
     paths = {name: folder / name for name in names}
     surrogate.save(paths["truncated"])
     content = torch.load(paths["truncated"], weights_only=True)
-    torch.save({**content, "version": 99}, paths["version"])
+    state = content["state"]
+    first = next(name for name, tensor in state.items() if tensor.ndim == 2 and tensor.is_floating_point())
+    torch.save({**content, "version": 1}, paths["version"])
     torch.save({**content, "model": {"name": "oracle"}}, paths["model"])
     torch.save({**content, "state": {}}, paths["state"])
-    paths["truncated"].write_bytes(paths["truncated"].read_bytes()[:500])
+    torch.save({**content, "state": {**state, first: state[first] * float("nan")}}, paths["nan"])
+    torch.save({**content, "state": {**state, first: state[first][:, :-1]}}, paths["shape"])
+    torch.save({**content, "face": {**content["face"], "base": torch.tensor([10**9])}}, paths["face"])
+    data = paths["truncated"].read_bytes()
+    paths["truncated"].write_bytes(data[: len(data) // 2])
     paths["empty"].touch()
     paths["text"].write_text("surrogate")
     torch.save(torch.zeros(3), paths["tensor"])
     torch.save(Path("code"), paths["pickle"])
+    torch.save({**content, "record": Malicious(folder)}, paths["malicious"])
+    torch.save(content, paths["compressed"])
+    squeeze(paths["compressed"])
     return paths
+
+
+class Malicious:
+    """A pickle of it makes a file `ran` when it is loaded."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (str(self.folder / "ran"),)
+
+
+def squeeze(path: Path) -> None:
+    """Store the same archive compressed."""
+    import zipfile
+
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
 
 
 def test_other_files_are_refused_in_one_sentence(surrogate: Surrogate, tmp_path: Path) -> None:
     expected = {
-        "version": "format version 99",
+        "version": "format version 1, but this pgdl_lab reads 2",
         "model": "no model 'oracle'",
         "state": "does not hold the weights",
+        "nan": "does not hold the weights",
+        "shape": "does not hold the weights",
+        "face": "does not hold the weights",
         "tensor": "is not a surrogate",
     }
     for name, path in foreign_files(tmp_path, surrogate).items():
         with pytest.raises(InputError, match=expected.get(name, "is damaged or not a surrogate")) as caught:
             pgdl_lab.load(path)
         assert "\n" not in str(caught.value)
+    assert not (tmp_path / "ran").exists()
+    with pytest.raises(pickle.UnpicklingError):
+        torch.load(tmp_path / "malicious", weights_only=True)
     with pytest.raises(InputError, match="No such file"):
         pgdl_lab.load(tmp_path / "nothing.pt")
+    with pytest.raises(InputError, match="Is a directory"):
+        pgdl_lab.load(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["body", "finite_element"])
-def test_points_outside_the_body_are_refused(name: str, tmp_path: Path) -> None:
-    model = plugin("model", name)(**MODELS[name])
-    trained = model.fit(training(tmp_path, {"data": {}}, max_epochs=1))
-    with pytest.raises(InputError, match="outside the undeformed body"):
-        trained.predict([[11.0, 15.0]], 10.0)
+@pytest.mark.parametrize("suffix", ["pt", "npz"])
+def test_any_changed_byte_is_refused_or_harmless(linear: Surrogate, tmp_path: Path, suffix: str) -> None:
+    whole = tmp_path / f"whole.{suffix}"
+    linear.save(whole) if suffix == "pt" else numpy_form.write(linear, whole)
+    data, path = whole.read_bytes(), tmp_path / f"changed.{suffix}"
+    points = small().points[::40]
+    truth = linear.predict(points, 20.0)
+    rng = np.random.default_rng(0)
+    for _ in range(150):
+        changed = bytearray(data)
+        kind = rng.integers(4)
+        place = int(rng.integers(len(data)) if rng.random() < 0.5 else rng.integers(-2000, 2000))  # head and directory
+        if kind == 0:
+            changed[place] ^= 1 << int(rng.integers(8))
+        elif kind == 1:
+            del changed[place:]
+        elif kind == 2:
+            changed[place:place] = rng.bytes(int(rng.integers(1, 9)))
+        else:
+            changed = bytearray(rng.bytes(int(rng.integers(0, 500))))
+        path.write_bytes(changed)
+        try:
+            surrogate = pgdl_lab.load(path)
+        except InputError as refused:
+            assert "\n" not in str(refused)
+        else:  # a byte between the members, or one of the provenance
+            assert np.array_equal(surrogate.predict(points, 20.0), truth)
+
+
+ROBOT = """
+import sys, time
+start = time.perf_counter()
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {blocked!r}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Blocked())
+import json, pgdl_lab
+surrogate = pgdl_lab.load(sys.argv[1])
+tip = surrogate.predict([surrogate.tip_mm], [10.0, 20.0])
+answer = surrogate.pressure_for(tip=surrogate.tip_mm + tip[0, 0])
+print(json.dumps([tip.tolist(), answer.kpa, time.perf_counter() - start]))
+"""
+HEAVY = ["mlflow", "hydra", "optuna", "skfem", "lightning", "matplotlib", "meshio", "h5py", "pandas", "sklearn"]
+BEYOND_NUMPY = [*HEAVY, "torch", "scipy", "omegaconf", "rich", "filelock", "yaml"]
+
+
+@pytest.mark.parametrize(
+    ("name", "suffix", "blocked"),
+    [
+        ("pod", "npz", BEYOND_NUMPY),
+        ("mlp", "npz", BEYOND_NUMPY),
+        ("pod", "pt", [*HEAVY, "torch"]),
+        ("mlp", "pt", HEAVY),
+    ],
+)
+def test_loads_where_little_is_installed(name: str, suffix: str, blocked: list[str], tmp_path: Path) -> None:
+    surrogate = trained(name, tmp_path)
+    path = tmp_path / f"surrogate.{suffix}"
+    surrogate.save(path) if suffix == "pt" else numpy_form.write(surrogate, path)
+    script = ROBOT.format(blocked=blocked)
+    environment = {**os.environ, "PYTHONPATH": str(CHECKOUT), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    tip, kpa, _ = json.loads(done.stdout)
+    exact = name == "pod"
+    assert np.array(tip) == pytest.approx(
+        surrogate.predict([surrogate.tip_mm], [10.0, 20.0]), abs=0 if exact else 1e-3, rel=0
+    )
+    assert kpa == pytest.approx(10.0, abs=1e-9 if exact else 1e-4)
+
+
+def test_a_surrogate_without_a_face_says_so(linear: Surrogate, tmp_path: Path) -> None:
+    model = plugin("model", "finite_element")(degree=3)
+    whole = training(tmp_path, {"data": {}})
+    faceless = model.fit(replace(whole, scene=replace(whole.scene, base=None)))
+    faceless.save(tmp_path / "surrogate.pt")
+    with pytest.raises(InputError, match="knows no face"):
+        pgdl_lab.load(tmp_path / "surrogate.pt").pressure_for(curvature=3.0)

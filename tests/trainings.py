@@ -20,7 +20,9 @@ TRAIN = np.sort(np.random.default_rng(0).choice(20 * len(small().points), 2000, 
 
 def scene(data: Snapshots) -> Scene:
     """The body of `data`, of a rubber with round numbers."""
-    return Scene(data.points, data.triangles, data.clamp, float(data.pressures_kpa[-1]), 10.0, 0.5, (0.0, -1e-5))
+    return Scene(
+        data.points, data.triangles, data.clamp, float(data.pressures_kpa[-1]), 10.0, 0.5, (0.0, -1e-5), base=data.base
+    )
 
 
 def training(folder: Path, losses: dict[str, Any], **changes: Any) -> Training:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.finger import Finger
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.surrogate import Face
 
 if TYPE_CHECKING:
     from pgdl_lab.loss import Loss
@@ -70,6 +72,8 @@ class Scene:
         Weight per undeformed volume along x and z [N/mm³].
     finger
         The finger, for losses that ask for its law or its profile; None for data of unknown origin.
+    base
+        (B,) int64, points of the base line from root to tip; None where it is not known.
     """
 
     points_mm: NDArray[np.float64]
@@ -80,6 +84,12 @@ class Scene:
     shear_modulus_mpa: float
     body_force_n_mm3: tuple[float, float]
     finger: Finger | None = None
+    base: NDArray[np.int64] | None = None
+
+    @property
+    def face(self) -> Face | None:
+        """The face and its base line, as a surrogate keeps them."""
+        return None if self.base is None else Face(FaceMesh(self.points_mm, self.triangles), self.base)
 
     @cached_property
     def outline(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -108,6 +118,7 @@ class Scene:
             shear_modulus_mpa=finger.material.shear_modulus_mpa,
             body_force_n_mm3=(force_x, force_z),
             finger=finger,
+            base=snapshots.base,
         )
 
 

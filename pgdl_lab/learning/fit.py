@@ -19,7 +19,7 @@ from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.threads import threads
 from pgdl_lab.registry import describe
-from pgdl_lab.surrogate import Record, Surrogate, read_safely
+from pgdl_lab.surrogate import Record, Surrogate
 
 if TYPE_CHECKING:
     from pgdl_lab.learning.neural import TrainedModel
@@ -46,7 +46,7 @@ def fit(model: TrainedModel, training: Training) -> Surrogate:
     checkpoint = _checkpoint(path, identity)
 
     def surrogate() -> Surrogate:
-        record = Record(training.samples.ranges(), dict(training.provenance), module.history)
+        record = Record(training.samples.ranges(), dict(training.provenance), module.history, training.scene.face)
         return model.finished(field, record)
 
     if checkpoint is not None and _finished(checkpoint, training):
@@ -111,7 +111,10 @@ def _checkpoint(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
     """
     if not path.exists():
         return None
-    checkpoint: Any = read_safely(path, "checkpoint")
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # the unpickler trips over foreign bytes in many ways
+        raise InputError(f"{path} is damaged; delete it to train from the start.") from error
     if not isinstance(checkpoint, dict) or "identity" not in checkpoint:
         raise InputError(f"{path} is not a checkpoint of pgdl_lab; delete it or choose another run folder.")
     theirs, ours = _flat(checkpoint["identity"]), _flat(identity)

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.model import Model
+from pgdl_lab.registry import describe
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from torch import Tensor
 
     from pgdl_lab.learning.data import Training
@@ -45,7 +48,6 @@ class LinearModel(Model):
     def fit(self, training: Training) -> NodalSurrogate:
         from threadpoolctl import threadpool_limits
 
-        from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
         from pgdl_lab.surrogate import Record
 
         residuals = [name for name, loss in training.losses.items() if loss.order > 0]
@@ -57,13 +59,13 @@ class LinearModel(Model):
         regression, body = regression_of(training, self.degree)
         with threadpool_limits(training.trainer.threads), closing(regression):
             learnt = self.learn(regression, training)
-        record = Record(training.samples.ranges(), dict(training.provenance))
-        return NodalSurrogate(self, record, {**body, **learnt})
+        record = Record(training.samples.ranges(), dict(training.provenance), face=training.scene.face)
+        return self.restore({name: tensor.numpy() for name, tensor in {**body, **learnt}.items()}, record)
 
-    def restore(self, state: Mapping[str, Tensor], record: Record) -> NodalSurrogate:
+    def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> NodalSurrogate:
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
 
-        return NodalSurrogate(self, record, state)
+        return NodalSurrogate(describe(self), record, state)
 
 
 def regression_of(training: Training, degree: int) -> tuple[SeparableRegression, dict[str, Tensor]]:

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.model import Model
+from pgdl_lab.registry import describe
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from torch import Tensor
 
     from pgdl_lab.learning.data import Samples, Training
@@ -80,7 +83,7 @@ class NeuralModel(TrainedModel):
     def finished(self, field: Field, record: Record) -> Surrogate:
         from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 
-        return NeuralSurrogate(self, record, field)
+        return NeuralSurrogate(describe(self), record, field)
 
     @abstractmethod
     def new_field(self, training: Training) -> Field:
@@ -90,7 +93,10 @@ class NeuralModel(TrainedModel):
     def stored_field(self, state: Mapping[str, Tensor]) -> Field:
         """A field of the shape that `state` has; its weights are overwritten afterwards."""
 
-    def restore(self, state: Mapping[str, Tensor], record: Record) -> Surrogate:
-        field = self.stored_field(state)
-        field.load_state_dict(state)
+    def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
+        import torch
+
+        tensors = {name: torch.from_numpy(array) for name, array in state.items()}
+        field = self.stored_field(tensors)
+        field.load_state_dict(tensors)
         return self.finished(field, record)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
@@ -11,31 +10,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import eigsh
-from scipy.spatial import cKDTree
 
-from pgdl_lab.errors import InputError
-
-OUTSIDE = 1e-3  # a point may lie outside the triangles by this share of the body's diagonal, as rounding puts it there
-CANDIDATES = 16  # triangles with the nearest centres that are tried before all of them are
+from pgdl_lab.deploy.face_mesh import FaceMesh
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Triangulation:
-    """A triangulated plane body.
-
-    Attributes
-    ----------
-    points_mm
-        (N, 2) float64 [mm].
-    triangles
-        (T, 3) int64.
-    """
-
-    points_mm: Floats
-    triangles: Ints
+class Triangulation(FaceMesh):
+    """A triangulated plane body, see `FaceMesh`, and what models learn on it."""
 
     @cached_property
     def _edges(self) -> tuple[Floats, Floats]:
@@ -94,54 +77,6 @@ class Triangulation:
         row = np.repeat(np.arange(len(sides)), 6)
         shape = (len(sides), len(self.points_mm))
         return sp.csr_matrix((jump.ravel(), (row, self.triangles[sides].ravel())), shape=shape)
-
-    def locate(self, points_mm: Floats) -> tuple[Ints, Floats]:
-        """Corners (M, 3) of the triangles around points (M, 2) [mm], and the points' weights (M, 3) on them.
-
-        Raises
-        ------
-        InputError
-            When a point lies outside the body.
-        """
-        near = self._tree.query(points_mm, k=min(CANDIDATES, len(self.triangles)))[1].reshape(len(points_mm), -1)
-        chosen, weights = self._best(points_mm, near)
-        gap_mm = self._distance(points_mm, chosen, weights)
-        lost = gap_mm > self._tolerance_mm
-        if lost.any():
-            everywhere = np.broadcast_to(np.arange(len(self.triangles)), (1, len(self.triangles)))
-            for i in np.flatnonzero(lost):
-                chosen[i : i + 1], weights[i : i + 1] = self._best(points_mm[i : i + 1], everywhere)
-            gap_mm = self._distance(points_mm, chosen, weights)
-            if gap_mm.max() > self._tolerance_mm:
-                x, z = points_mm[gap_mm.argmax()]
-                raise InputError(
-                    f"{int((gap_mm > self._tolerance_mm).sum())} points lie outside the undeformed body, such as "
-                    f"x = {x:g}, z = {z:g} mm; leave them out."
-                )
-        return self.triangles[chosen], weights
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self.points_mm[self.triangles].mean(axis=1))
-
-    @cached_property
-    def _tolerance_mm(self) -> float:
-        return OUTSIDE * float(np.linalg.norm(np.ptp(self.points_mm, axis=0)))
-
-    def _best(self, points_mm: Floats, candidates: Ints) -> tuple[Ints, Floats]:
-        """Of candidate triangles (M, C), those (M,) that hold the points best, and weights (M, 3) clipped to them."""
-        edges, areas = self._edges
-        offset = points_mm[:, None, None] - np.roll(self.points_mm[self.triangles[candidates]], -1, axis=2)
-        edge = edges[candidates]
-        weights = (edge[..., 0] * offset[..., 1] - edge[..., 1] * offset[..., 0]) / (2 * areas[candidates][..., None])
-        best = weights.min(axis=2).argmax(axis=1)
-        row = np.arange(len(points_mm))
-        clipped = np.clip(weights[row, best], 0, None)
-        return candidates[0 if len(candidates) == 1 else row, best], clipped / clipped.sum(axis=1, keepdims=True)
-
-    def _distance(self, points_mm: Floats, chosen: Ints, weights: Floats) -> Floats:
-        corners = self.points_mm[self.triangles[chosen]]
-        return np.linalg.norm(np.einsum("mc,mci->mi", weights, corners) - points_mm, axis=1)
 
     @cached_property
     def derivatives(self) -> list[sp.csr_matrix]:

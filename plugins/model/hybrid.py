@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.neural import TrainedModel
-from pgdl_lab.registry import register
+from pgdl_lab.registry import describe, register
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from torch import Tensor
 
     from pgdl_lab.learning.corrected import CorrectedField
@@ -98,9 +100,9 @@ class Hybrid(TrainedModel):
         return CorrectedField(closed_form, scale_mm, deep, inputs, self.correction_degree)
 
     def finished(self, field: CorrectedField, record: Record) -> Surrogate:
-        return self.restore(field.nodal(), record)
+        return self.restore({name: tensor.numpy() for name, tensor in field.nodal().items()}, record)
 
-    def restore(self, state: Mapping[str, Tensor], record: Record) -> Surrogate:
+    def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
 
-        return NodalSurrogate(self, record, state)
+        return NodalSurrogate(describe(self), record, state)

@@ -4,12 +4,12 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from rich.console import Console
-from torch import Tensor
 
 from pgdl_lab.assessment.assess import Labels, assess
 from pgdl_lab.assessment.comparison import Comparison
@@ -17,6 +17,7 @@ from pgdl_lab.assessment.curvature import mean_curvature_per_m, rms_distance_mm
 from pgdl_lab.assessment.paper import PUBLISHED, published
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.assessment.yardstick import measure
+from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.registry import discover, plugin
 from pgdl_lab.surrogate import Record, Surrogate
 from tests.synthetic import MAX_KPA, bend
@@ -35,13 +36,21 @@ class Shifted(Surrogate):
 
     def __init__(self) -> None:
         history = [ENTRY, {**ENTRY, "seconds": 2.0, "raw/data": 1.0}]
-        super().__init__(plugin("model", "mlp")(), Record({}, {}, history))
+        super().__init__({"name": "mlp"}, Record({}, {}, history))
 
-    def state(self) -> dict[str, Tensor]:
+    def state(self) -> dict[str, NDArray[Any]]:
         return {}
 
-    def displacements(self, points_mm: NDArray[np.float64], pressures_kpa: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.stack([bend(points_mm, kpa) for kpa in pressures_kpa]) + [0.3, -0.1]
+    def probe(self, points_mm: NDArray[np.float64]) -> Probe:
+        return Bent(points_mm)
+
+
+class Bent(Probe):
+    def __init__(self, points_mm: NDArray[np.float64]) -> None:
+        self.points_mm = points_mm
+
+    def value(self, kpa: float) -> NDArray[np.float64]:
+        return bend(self.points_mm, kpa) + [0.3, -0.1]
 
 
 def arc(angle: float, radius_mm: float) -> NDArray[np.float64]:

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from pgdl_lab.errors import InputError
 from pgdl_lab.learning.triangulation import Triangulation
 from tests.synthetic import comb
 
@@ -58,22 +57,3 @@ def test_kinks_do_not_act_across_a_slot() -> None:
     tooth = (body.points_mm[:, 0] < 11) & (body.points_mm[:, 1] > 8)
     beyond = (body.points_mm[:, 0] > 11) & (body.points_mm[:, 1] > 8)
     assert tooth.any() and not (body.kinks[:, tooth].T @ body.kinks)[:, beyond].nnz
-
-
-def test_located_points_are_their_triangles_weighted_corners() -> None:
-    body = Triangulation(*comb(2.0))
-    weights = np.random.default_rng(0).dirichlet(np.ones(3), len(body.triangles))
-    points = np.einsum("tc,tci->ti", weights, body.points_mm[body.triangles])
-    corners, found = body.locate(points)
-    assert np.einsum("tc,tci->ti", found, body.points_mm[corners]) == pytest.approx(points)
-
-
-def test_nodes_are_located_at_themselves() -> None:
-    body = Triangulation(*comb(2.0))
-    corners, weights = body.locate(body.points_mm)
-    assert np.array_equal(corners[np.arange(len(corners)), weights.argmax(axis=1)], np.arange(len(body.points_mm)))
-
-
-def test_a_point_in_a_slot_is_outside() -> None:
-    with pytest.raises(InputError, match="outside the undeformed body, such as x = 11, z = 15 mm"):
-        Triangulation(*comb(2.0)).locate(np.array([[5.0, 5.0], [11.0, 15.0]]))

@@ -54,7 +54,7 @@ def test_trained_field_and_its_nodal_form_agree_and_hold_the_clamp(begun: Any) -
             torch.nn.init.normal_(weight)
         kpa = torch.tensor([0.0, 20.0, 60.0], dtype=torch.double)
         whole = field.displacements(field.coordinates(data.points, 0), kpa).numpy()
-        nodal = hybrid().finished(field, None).displacements(data.points, kpa.numpy())
+        nodal = hybrid().finished(field, None).probe(data.points).values(kpa.numpy())
         for weight, value in zip(field.parameters(), kept, strict=True):
             weight.copy_(value)
         start = field.displacements(field.coordinates(data.points, 0), kpa).numpy()

@@ -1,0 +1,159 @@
+"""A surrogate as plain arrays in an .npz file: read and evaluated by NumPy alone.
+
+Fields that are polynomials in the pressure give the same numbers to the last bit on every machine; networks as far as
+its matrix products and exponentials agree.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.deploy.probe import Probe
+from pgdl_lab.errors import InputError
+from pgdl_lab.files import replacing
+from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+from pgdl_lab.surrogate import FORMAT, UNITS, VERSION, Face, Record, Surrogate
+
+Floats = NDArray[np.float64]
+
+ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
+    "relu": lambda h: np.maximum(h, 0),
+    "tanh": np.tanh,
+    "silu": lambda h: h * (0.5 + 0.5 * np.tanh(h / 2)),  # does not overflow
+    "softplus": lambda h: np.logaddexp(0, h),
+    "sin": np.sin,
+}
+
+
+class NetworkSurrogate(Surrogate):
+    """A fully connected network of x [mm], z [mm] and pressure [kPa], in float64.
+
+    Parameters
+    ----------
+    model, record
+        See `Surrogate`; the model names the "activation".
+    state
+        "0" … "L": scale (2, C) with shift, or weights (C', C + 1) with bias, of the layers in their order.
+    """
+
+    def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
+        super().__init__(model, record)
+        self._state = dict(state)
+        self._layers = [np.asarray(state[str(number)], dtype=np.float64) for number in range(len(state))]
+        self._activation = ACTIVATIONS[self.model["activation"]]
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        return self._state
+
+    def probe(self, points_mm: Floats) -> Probe:
+        return _NetworkProbe(self, points_mm)
+
+    def outputs(self, inputs: Floats) -> Floats:
+        """Displacements (n, 2) [mm] from x, z and pressure (n, 3)."""
+        first, *hidden, last, scaling = self._layers
+        values = inputs * first[0] + first[1]
+        for layer in hidden:
+            values = self._activation(values @ layer[:, :-1].T + layer[:, -1])
+        return (values @ last[:, :-1].T + last[:, -1]) * scaling[0] + scaling[1]
+
+
+class _NetworkProbe(Probe):
+    def __init__(self, surrogate: NetworkSurrogate, points_mm: Floats) -> None:
+        self._surrogate, self._points_mm = surrogate, points_mm
+
+    def value(self, kpa: float) -> Floats:
+        return self._surrogate.outputs(np.column_stack([self._points_mm, np.full(len(self._points_mm), kpa)]))
+
+
+KINDS = {"nodal": NodalSurrogate, "network": NetworkSurrogate}
+
+
+def plain_state(surrogate: Surrogate) -> tuple[str, dict[str, NDArray[Any]]]:
+    """Kind and arrays of the plain form of a surrogate.
+
+    Raises
+    ------
+    InputError
+        When its model has none.
+    """
+    if isinstance(surrogate, NodalSurrogate):
+        return "nodal", _multiplied(surrogate)
+    from pgdl_lab.learning.field import PlaneField  # torch is there, as the surrogate is one of torch
+
+    field = getattr(surrogate, "field", None)
+    if not isinstance(field, PlaneField) or surrogate.model["activation"] not in ACTIVATIONS:
+        raise InputError(f"Model {surrogate.model['name']} has no plain NumPy form: use its ONNX file.")
+    layers: dict[int, list[NDArray[Any]]] = {}
+    for name, array in surrogate.state().items():
+        layers.setdefault(int(name.split(".")[1]), []).append(array)
+    return "network", {
+        str(number): np.stack([first, second]) if first.ndim == 1 else np.column_stack([first, second])
+        for number, (_, (first, second)) in enumerate(sorted(layers.items()))
+    }
+
+
+def _multiplied(surrogate: NodalSurrogate) -> dict[str, NDArray[Any]]:
+    """The state with modes and amplitudes multiplied, as matrix products differ between machines in the last bits."""
+    state = surrogate.state()
+    amplitudes = state["amplitudes"]
+    whole = {"modes": surrogate.coefficients_mm, "amplitudes": np.eye(len(amplitudes))}
+    if "spread" in state:
+        whole["spread"] = np.einsum("dk,nkl->ndl", amplitudes, state["spread"]).astype(np.float32)
+    return {**state, **whole}
+
+
+def write(surrogate: Surrogate, path: Path) -> None:
+    """Write the plain form.
+
+    Raises
+    ------
+    InputError
+        See `plain_state`; also when the surrogate knows no face.
+    """
+    kind, arrays = plain_state(surrogate)
+    record, face = surrogate.record, surrogate.face
+    about = {
+        "format": FORMAT, "version": VERSION, "kind": kind, "units": UNITS, "model": surrogate.model,
+        "ranges": record.ranges, "provenance": record.provenance,
+    }  # fmt: skip
+    content: dict[str, Any] = {f"state/{name}": array for name, array in arrays.items()}
+    content |= {"face/points_mm": face.mesh.points_mm, "face/triangles": face.mesh.triangles, "face/base": face.base}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, about=np.array(json.dumps(about)), **content)
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The content of a plain form: what `write` noted, "state" and "face".
+
+    Raises
+    ------
+    InputError
+        When there is no such file, or it is damaged or foreign.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"The surrogate {path} cannot be read: {error.strerror}.") from error
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            about: dict[str, Any] = json.loads(str(file["about"]))
+            groups: dict[str, dict[str, NDArray[Any]]] = {"state": {}, "face": {}}
+            for name in set(file.files) - {"about"}:
+                group, _, member = name.partition("/")
+                groups[group][member] = file[name]
+        return {**about, **groups}
+    except Exception as error:  # foreign bytes make zipfile and NumPy trip in many ways
+        raise InputError(f"{path} is damaged or no plain surrogate of pgdl_lab; export it again.") from error
+
+
+def restored(content: Mapping[str, Any], face: Face) -> Surrogate:
+    """The surrogate of what `read` gave."""
+    record = Record(content["ranges"], content["provenance"], face=face)
+    return KINDS[content["kind"]](content["model"], record, content["state"])

@@ -1,0 +1,74 @@
+"""A surrogate at fixed points: all that does not depend on the pressure is done once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+STEP = 1e-4  # of a central difference, by the pressure or 1 kPa: error of truncation and of rounding are alike
+
+
+class Probe(ABC):
+    """The displacement of N fixed points as a function of the pressure alone."""
+
+    @abstractmethod
+    def value(self, kpa: float) -> Floats:
+        """Displacement (N, 2) [mm] at a pressure [kPa]."""
+
+    def slope(self, kpa: float) -> Floats:
+        """Derivative (N, 2) of the displacement by the pressure [mm/kPa]; here a central difference."""
+        step = STEP * max(abs(kpa), 1.0)
+        return (self.value(kpa + step) - self.value(kpa - step)) / (2 * step)
+
+    def values(self, pressures_kpa: Floats) -> Floats:
+        """Displacements (P, N, 2) [mm] at pressures (P,) [kPa]."""
+        shape = (len(pressures_kpa), *self.value(0.0).shape)
+        return np.array([self.value(float(kpa)) for kpa in pressures_kpa]).reshape(shape)
+
+
+class PolynomialProbe(Probe):
+    """Displacements that are polynomials in the pressure.
+
+    The sums are taken in one order whatever the processor, so that they are the same to the last bit on every machine;
+    a matrix product, whose order is the library's, would be twice as fast.
+
+    Parameters
+    ----------
+    coefficients_mm
+        (K, N, 2), of Chebyshev polynomials [mm].
+    range_kpa
+        (2,), pressures that are mapped to −1 … 1 [kPa].
+    """
+
+    def __init__(self, coefficients_mm: Floats, range_kpa: Floats) -> None:
+        self.coefficients_mm = coefficients_mm
+        low, high = (float(bound) for bound in range_kpa)
+        self._scale, self._shift = 2 / (high - low), (high + low) / (high - low)
+        self._flat = np.ascontiguousarray(coefficients_mm).reshape(len(coefficients_mm), coefficients_mm[0].size)
+        self._shape = coefficients_mm.shape[1:]
+
+    def value(self, kpa: float) -> Floats:
+        t = self._scale * kpa - self._shift
+        return self._sum(polynomials(t, len(self._flat)))
+
+    def slope(self, kpa: float) -> Floats:
+        t = self._scale * kpa - self._shift
+        values, slopes = polynomials(t, len(self._flat)), [0.0, self._scale]
+        while len(slopes) < len(values):
+            slopes.append(2 * (self._scale * values[len(slopes) - 1] + t * slopes[-1]) - slopes[-2])
+        return self._sum(slopes[: len(values)])
+
+    def _sum(self, weights: list[float]) -> Floats:
+        return np.add.reduce(np.array(weights)[:, None] * self._flat, axis=0).reshape(self._shape)
+
+
+def polynomials(t: float, count: int) -> list[float]:
+    """The first `count` Chebyshev polynomials at t."""
+    values = [1.0, t]
+    while len(values) < count:
+        values.append(2 * t * values[-1] - values[-2])
+    return values[:count]
