@@ -18,7 +18,7 @@ from omegaconf import DictConfig
 from pgdl_lab import sweep
 from pgdl_lab.composing import store_choices
 from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.experiment import Experiment, resumed, save
+from pgdl_lab.experiment import Experiment, restore, resumed, save
 from pgdl_lab.folders import link_latest
 from pgdl_lab.messages import EXPECTED, sentence
 from pgdl_lab.paths import CONF, PLUGINS
@@ -68,9 +68,7 @@ def job(config: DictConfig) -> Any:
             if sweep_folder is not None:
                 raise InputError("resume continues one run: leave out -m, or resume the runs of a multirun one by one.")
             config = resumed(config, folder, settings.overrides.task)
-        work = Job(Experiment.from_config(config), config, folder, sweep_folder)
-        save(config, folder / "config.yaml")
-        link_latest(folder)
+        work = _work(config, folder, sweep_folder)
         with time_limit(folder):
             return importlib.import_module(f"pgdl_lab.tasks.{config.task}").run(work)
     except TrialPruned as stop:
@@ -89,6 +87,18 @@ def job(config: DictConfig) -> Any:
             _mark_failed(folder, sweep_folder, problem, settings.overrides.task)
         _log.error("Job %s failed: %s", folder.name, problem)
         raise
+
+
+def _work(config: DictConfig, folder: Path, sweep_folder: Path | None) -> Job:
+    """What the task is given: an experiment of its own, or with `run` an earlier one in the folder that it has."""
+    if config.get("run") is None:
+        work = Job(Experiment.from_config(config), config, folder, sweep_folder)
+        save(config, folder / "config.yaml")
+        link_latest(folder)
+        return work
+    if sweep_folder is not None:
+        raise InputError(f"task={config.task} works on one run: leave out -m.")
+    return Job(Experiment.from_config(restore(folder / "config.yaml")), config, folder, None)
 
 
 def _mark_failed(folder: Path, sweep_folder: Path, problem: str, overrides: list[str]) -> None:

@@ -5,26 +5,36 @@ import secrets
 import tempfile
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from omegaconf import OmegaConf
 
 from pgdl_lab import paths
 from pgdl_lab.errors import InputError
 
+if TYPE_CHECKING:
+    from pgdl_lab.surrogate import Surrogate
+
 BEST = paths.BEST / "experiment"
 """The best configurations of searches: `<study>/<name>.yaml` there is typed as `experiment=<study>/<name>`."""
 
 
-def run_folder(resume: str | None) -> str:
-    """Folder of a run: the resumed one, else a new name from the time and a random ending, as runs may start together.
+def run_folder(resume: str | None, run: str | None) -> str:
+    """Folder of a run, new names from the time and a random ending, as runs may start together.
+
+    Parameters
+    ----------
+    resume, run
+        An earlier run that is gone on with or worked on: its folder is the one.
 
     Raises
     ------
     InputError
-        If nothing can be written there, or there is no run to resume.
+        If nothing can be written there, or there is no such run.
     """
-    if resume is not None:
-        folder = stored_run(resume)
+    earlier = resume or run
+    if earlier is not None:
+        folder = stored_run(earlier)
         _check_writable(folder)
         return str(folder)
     _check_writable(paths.RUNS)
@@ -63,6 +73,22 @@ def stored_run(name: str) -> Path:
         if (folder / "config.yaml").is_file():
             return folder.resolve()
     raise InputError(f"There is no run in '{name}': give a folder that holds a config.yaml, for example runs/latest.")
+
+
+def stored_surrogate(folder: Path) -> "Surrogate":
+    """The surrogate of an earlier run, which answers every question without a warning.
+
+    Raises
+    ------
+    InputError
+        If it holds none.
+    """
+    from pgdl_lab import load
+
+    path = folder / "surrogate.pt"
+    if not path.is_file():
+        raise InputError(f"{folder} holds no surrogate.pt: give the folder of a training, run=runs/<its name>.")
+    return load(path, outside="ignore")
 
 
 def _check_writable(folder: Path) -> None:

@@ -136,6 +136,20 @@ def tracked_run(folder: Path, sweep_folder: Path | None) -> Iterator[TrackedRun]
         client.set_terminated(run_id, status)
 
 
+def add_artifacts(folder: Path, made: Iterable[Path]) -> None:
+    """Copy files and folders that were made of a finished run to its MLflow run, if that is still there."""
+    if (folder / RUN_ID).is_file():
+        client, _ = _connect()
+        run_id = _known_run(client, folder)
+        for path in made:
+            if run_id is None:
+                return
+            if path.is_dir():
+                client.log_artifacts(run_id, str(path), path.name)
+            else:
+                client.log_artifact(run_id, str(path))
+
+
 def open_parent(sweep_folder: Path, params: Mapping[str, str]) -> None:
     """Open the parent run of a search, a new one or the old one where the search goes on."""
     client, experiment_id = _connect()

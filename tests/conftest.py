@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,14 +65,14 @@ def root(tmp_path: Path, migrated_database: Path, monkeypatch: pytest.MonkeyPatc
     return tmp_path
 
 
+def subprocess_of(root: Path, *args: str) -> subprocess.CompletedProcess[str]:
+    """`python -m pgdl_lab` with these arguments, in a process and a root of its own."""
+    command = [sys.executable, "-m", "pgdl_lab", *args]
+    return subprocess.run(command, env=environment(root), cwd=root, capture_output=True, text=True, check=False)
+
+
 @pytest.fixture
 def lab(tmp_path: Path) -> Lab:
     """Run `python -m pgdl_lab` with the given arguments in a process and a root of its own."""
 
-    def run(*args: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "pgdl_lab", *args]
-        return subprocess.run(
-            command, env=environment(tmp_path), cwd=tmp_path, capture_output=True, text=True, check=False
-        )
-
-    return run
+    return partial(subprocess_of, tmp_path)

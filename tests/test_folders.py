@@ -8,7 +8,7 @@ from pgdl_lab.errors import InputError
 
 
 def test_new_folders_differ_even_within_a_second(root: Path) -> None:
-    names = {folders.run_folder(None) for _ in range(50)}
+    names = {folders.run_folder(None, None) for _ in range(50)}
     assert len(names) == 50
     assert {Path(name).parent for name in names} == {root / "runs"}
 
@@ -22,19 +22,19 @@ def test_a_stored_run_is_found_from_the_root_and_from_elsewhere(
     monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
     folders.link_latest(run)
     for name in ("runs/one", "runs/latest", str(run)):
-        assert folders.run_folder(name) == str(run)
+        assert folders.run_folder(name, None) == str(run)
 
 
 def test_a_folder_without_a_run_is_refused(root: Path) -> None:
     with pytest.raises(InputError, match="There is no run in 'runs'"):
-        folders.run_folder("runs")
+        folders.run_folder("runs", None)
 
 
 def test_an_unwritable_folder_is_refused(root: Path) -> None:
     (root / "runs").rmdir()
     (root / "runs").touch()
     with pytest.raises(InputError, match=r"Nothing can be written to .*/runs .*PGDL_LAB_ROOT"):
-        folders.run_folder(None)
+        folders.run_folder(None, None)
 
 
 def test_the_link_is_never_missing_while_runs_start(root: Path) -> None:
