@@ -17,7 +17,8 @@ from pgdl_lab.files import replacing
 from pgdl_lab.folders import BEST
 from pgdl_lab.search import figures
 from pgdl_lab.search.best import write_experiment
-from pgdl_lab.search.study import ERROR, LOST, SCHEMA, SharedStudy
+from pgdl_lab.search.study import ERROR, SCHEMA, SharedStudy
+from pgdl_lab.search.tally import LOST
 
 _log = logging.getLogger(__name__)
 SHOWN = 10  # rows of the table on the terminal

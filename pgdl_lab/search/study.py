@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from optuna.trial import FrozenTrial, TrialState
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.search.settings import DEFAULT_SAMPLER
 from pgdl_lab.search.storage import KernelLock
+from pgdl_lab.search.tally import LOST, RETRY_OF, Tally
 
 if TYPE_CHECKING:
     from optuna.storages import BaseStorage
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from pgdl_lab.search.space import Space
 
 SCHEMA, EXHAUSTED = "schema", "exhausted"  # attributes of a study
-WORKER, ERROR, RETRY_OF, LOST = "worker", "error", "retry_of", "lost"  # attributes of a trial
+WORKER, ERROR = "worker", "error"  # attributes of a trial
 _DIRECTION = {each.name.lower(): each for each in optuna.study.StudyDirection}
 
 
@@ -89,6 +90,7 @@ class SharedStudy:
         self._alive = FileLock(self._workers / self.worker)
         self._alive.acquire()
         self._new = True
+        self._known = Tally()
         sampler = dict(settings.sampler or DEFAULT_SAMPLER)
         self._seed = sampler.get("seed")
         self._new_sampler = quietly(partial(instantiate, sampler, _partial_=True))
@@ -122,23 +124,26 @@ class SharedStudy:
         """Trials in these states, or all, by number."""
         return self.study.get_trials(deepcopy=False, states=states or None)
 
+    def _tally(self) -> Tally:
+        self._known.read(self.trials())
+        return self._known
+
     def ended(self) -> list[FrozenTrial]:
         """Trials that count towards `n_trials`."""
-        return _counted(self.trials())
+        return list(self._tally().ended.values())
 
     def failed(self) -> list[FrozenTrial]:
         """Trials that failed and were not run again."""
-        return _failed(self.ended())
+        return list(self._tally().failed.values())
 
     @property
     def complete(self) -> bool:
         """Whether all trials are done, or nothing is left to try."""
-        trials = self.trials()
-        return self._exhausted(trials) or len(_counted(trials)) >= self.settings.n_trials
+        tally = self._tally()
+        return self._exhausted(tally) or len(tally.ended) >= self.settings.n_trials
 
-    def _exhausted(self, trials: Sequence[FrozenTrial]) -> bool:
-        waiting = any(trial.state is TrialState.WAITING for trial in trials)
-        return not waiting and bool(self.study.user_attrs.get(EXHAUSTED, False))
+    def _exhausted(self, tally: Tally) -> bool:
+        return not tally.count(TrialState.WAITING) and bool(self.study.user_attrs.get(EXHAUSTED, False))
 
     def claim(self, recover: Callable[[FrozenTrial], list[float] | None]) -> list[Claim]:
         """Trials for this worker to run next; none if others run all that are left.
@@ -157,20 +162,19 @@ class SharedStudy:
             If too many trials failed.
         """
         with self.lock:
-            trials = self.trials()
-            left = self._left(trials)
-            if (self._new or not left) and self._take_up_lost(trials, recover):
-                trials = self.trials()
-                left = self._left(trials)
+            tally = self._tally()
+            left = self._left(tally)
+            if (self._new or not left) and self._take_up_lost(tally, recover):
+                tally = self._tally()
+                left = self._left(tally)
             self._new = False
-            self._check_failures(_counted(trials))
-            return [self._ask(len(trials) + n) for n in range(min(left, self.settings.batch))]
+            self._check_failures(tally)
+            return [self._ask(tally.total + n) for n in range(min(left, self.settings.batch))]
 
-    def _left(self, trials: Sequence[FrozenTrial]) -> int:
+    def _left(self, tally: Tally) -> int:
         """How many trials are neither done nor running."""
-        running = sum(trial.state is TrialState.RUNNING for trial in trials)
-        left = max(self.settings.n_trials - len(_counted(trials)) - running, 0)
-        return 0 if left and self._exhausted(trials) else left
+        left = max(self.settings.n_trials - len(tally.ended) - tally.count(TrialState.RUNNING), 0)
+        return 0 if left and self._exhausted(tally) else left
 
     def _ask(self, number: int) -> Claim:
         self.study.sampler = self._sampler(number)
@@ -186,9 +190,7 @@ class SharedStudy:
         seed = np.random.SeedSequence([self._seed, number]).generate_state(1)
         return quietly(partial(self._new_sampler, seed=int(seed[0])))
 
-    def _take_up_lost(
-        self, trials: Sequence[FrozenTrial], recover: Callable[[FrozenTrial], list[float] | None]
-    ) -> bool:
+    def _take_up_lost(self, tally: Tally, recover: Callable[[FrozenTrial], list[float] | None]) -> bool:
         """Put trials of workers that are gone back into the queue, or keep their values if they had come to an end.
 
         Returns
@@ -197,7 +199,7 @@ class SharedStudy:
         """
         lost = [
             trial
-            for trial in trials
+            for trial in tally.open
             if trial.state is TrialState.RUNNING and not self._lives(trial.user_attrs.get(WORKER))
         ]
         for trial in lost:
@@ -228,9 +230,9 @@ class SharedStudy:
         file.unlink(missing_ok=True)
         return False
 
-    def _check_failures(self, ended: Sequence[FrozenTrial]) -> None:
-        settings, failed = self.settings, _failed(ended)
-        last = f"the last with: {failed[-1].user_attrs.get(ERROR)}" if failed else ""
+    def _check_failures(self, tally: Tally) -> None:
+        settings, ended, failed = self.settings, tally.ended, tally.failed
+        last = f"the last with: {failed[max(failed)].user_attrs.get(ERROR)}" if failed else ""
         remedy = f"mend that and add hydra.sweeper.retry_failed=true (runs/{settings.study}/<trial>/run.log says more)"
         if len(failed) == len(ended) >= settings.first_failures:
             raise LabError(f"The study stopped: all of its first {len(failed)} trials failed, {last} - {remedy}.")
@@ -254,20 +256,6 @@ class SharedStudy:
         """Let other workers see that this one is gone."""
         self._alive.release()
         (self._workers / self.worker).unlink(missing_ok=True)
-
-
-def _counted(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """Trials that ended, neither lost nor run again since."""
-    retried = {trial.user_attrs[RETRY_OF] for trial in trials if RETRY_OF in trial.user_attrs}
-    return [
-        trial
-        for trial in trials
-        if trial.state.is_finished() and trial.number not in retried and LOST not in trial.user_attrs
-    ]
-
-
-def _failed(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    return [trial for trial in trials if trial.state is TrialState.FAIL]
 
 
 def quietly(call: Callable[..., Any], *arguments: Any) -> Any:

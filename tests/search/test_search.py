@@ -16,7 +16,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Run
 from optuna.trial import FrozenTrial, TrialState
 
-from pgdl_lab.search.study import LOST, RETRY_OF
+from pgdl_lab.search.tally import LOST, RETRY_OF
 from tests.conftest import CHECKOUT, environment
 from tests.search.toy import SEARCH, make_toy, trials
 

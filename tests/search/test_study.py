@@ -11,7 +11,8 @@ from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import parse
 from pgdl_lab.search.storage import open_storage
-from pgdl_lab.search.study import LOST, RETRY_OF, SharedStudy
+from pgdl_lab.search.study import SharedStudy
+from pgdl_lab.search.tally import LOST, RETRY_OF
 from tests import postgres
 
 
@@ -157,3 +158,18 @@ def test_trials_of_killed_workers_are_looked_for_when_nothing_else_is_left(tmp_p
     for claim in (first, third, again):
         other.tell(claim, [1.0])
     assert other.claim(nothing) == [] and other.complete
+
+
+def test_the_tally_of_what_is_new_is_that_of_all(tmp_path: Path) -> None:
+    fields = {"n_trials": 9, "first_failures": 9, "max_failure_rate": 1.0}
+    study, watcher = opened(tmp_path, **fields), opened(tmp_path, **fields)
+    for values in ([1.0], None, [2.0]):
+        study.tell(study.claim(nothing)[0], values, None if values else "The finger burst.")
+        watcher.ended()
+    assert [trial.number for trial in watcher.ended()] == [0, 1, 2]
+    mended = opened(tmp_path, retry_failed=True, **fields)
+    for each in (study, watcher, mended, opened(tmp_path, **fields)):
+        assert sorted(trial.number for trial in each.ended()) == [0, 2]
+        assert each.failed() == []
+    (again,) = watcher.claim(nothing)
+    assert again.trial.user_attrs[RETRY_OF] == 1
