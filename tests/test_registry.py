@@ -1,3 +1,4 @@
+import importlib
 import json
 import logging
 import sys
@@ -31,6 +32,7 @@ def copied(folder: dict[str, Any]) -> dict[str, Any]:
 @pytest.fixture(autouse=True)
 def clean(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the registry, Hydra's store and the imported modules as they were."""
+    importlib.import_module("numpy")  # which cannot be imported a second time
     monkeypatch.setattr(registry, "_plugins", {kind: dict(known) for kind, known in registry._plugins.items()})
     monkeypatch.setattr(registry, "_nodes", dict(registry._nodes))
     store = ConfigStore.instance()
