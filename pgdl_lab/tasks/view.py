@@ -1,0 +1,32 @@
+"""Task `view`: a trained surrogate in one HTML file that needs no network."""
+
+import logging
+
+from pgdl_lab import paths
+from pgdl_lab.cache import simulate
+from pgdl_lab.deploy.viewer import page
+from pgdl_lab.files import replacing
+from pgdl_lab.folders import stored_surrogate
+from pgdl_lab.registry import describe
+from pgdl_lab.tasks import Job
+from pgdl_lab.tracking import add_artifacts
+
+_log = logging.getLogger(__name__)
+
+
+def run(job: Job) -> None:
+    """Write viewer.html beside the surrogate.
+
+    Raises
+    ------
+    LabError
+        When there is no surrogate in the run's folder.
+    """
+    surrogate = stored_surrogate(job.folder)
+    finger, fem = job.experiment.finger, job.experiment.fem
+    snapshots, *_ = simulate(finger, fem, job.experiment.observation, paths.RUNS / "snapshots")
+    path = job.folder / "viewer.html"
+    with replacing(path) as temporary:
+        temporary.write_text(page(surrogate, snapshots, f"Finger “{describe(finger)['name']}”"), encoding="utf-8")
+    add_artifacts(job.folder, [path])
+    _log.info("Open %s in a browser (%.1f MB)", path, path.stat().st_size / 1e6)

@@ -1,0 +1,156 @@
+"""The viewer in a real browser: what it shows is what Python says."""
+
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+from selenium.webdriver import ActionChains, Chrome, Keys
+from selenium.webdriver.common.by import By
+
+from pgdl_lab.deploy.viewer import page, polynomial
+from pgdl_lab.registry import plugin
+from pgdl_lab.surrogate import Surrogate
+from tests.conftest import Lab
+from tests.deploy.browser import browser
+from tests.test_surrogate import trained
+from tests.trainings import small, training
+
+
+@pytest.fixture(scope="module")
+def surrogate(tmp_path_factory: pytest.TempPathFactory) -> Surrogate:
+    model = plugin("model", "finite_element")(degree=6)
+    fitted: Surrogate = model.fit(training(tmp_path_factory.mktemp("run"), {"data": {}}))
+    return fitted
+
+
+@pytest.fixture(scope="module")
+def window(surrogate: Surrogate, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    folder = tmp_path_factory.mktemp("page")
+    path = folder / "viewer.html"
+    path.write_text(page(surrogate, small(), "A </script> finger"), encoding="utf-8")
+    with browser(folder) as opened:
+        opened.get(path.as_uri())
+        yield opened
+        assert opened.get_log("browser") == []  # neither errors nor refused requests
+        assert opened.execute_script("return performance.getEntriesByType('resource').length") == 0
+
+
+def shown_kpa(window: Chrome) -> float:
+    kpa: float = window.execute_script("return state.kpa")
+    return kpa
+
+
+def settled(window: Chrome) -> None:
+    """Wait until what was asked for is drawn."""
+    window.execute_async_script(
+        "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => done()))"
+    )
+
+
+def set_kpa(window: Chrome, kpa: float) -> None:
+    window.execute_script("slider.value = arguments[0]; slider.dispatchEvent(new Event('input'))", kpa)
+    settled(window)
+
+
+@pytest.mark.parametrize("kpa", [0.0, 17.3, 50.0])
+def test_numbers_are_those_of_python(window: Chrome, surrogate: Surrogate, kpa: float) -> None:
+    set_kpa(window, kpa)
+    shown = np.array(window.execute_script("return Array.from(displacements(state.kpa))")).reshape(-1, 2)
+    truth = surrogate.predict(small().points, kpa)
+    assert np.abs(shown - truth).max() < 1e-4
+    texts = re.findall(r"tip [xz]\n([−\d.]+) mm", window.find_element(By.ID, "readings").text.replace(" mm", " mm\n"))
+    tip = surrogate.tip_mm + surrogate.predict([surrogate.tip_mm], kpa)[0]
+    assert [float(text.replace("−", "-")) for text in texts] == pytest.approx(tip, abs=0.006)
+    assert window.find_element(By.ID, "kpa").text.replace("\n", " ").startswith(f"{kpa:.1f}")
+
+
+@pytest.mark.parametrize("kpa", [5.0, 40.0])
+def test_pixels_are_where_and_of_the_colour_that_python_says(window: Chrome, surrogate: Surrogate, kpa: float) -> None:
+    window.execute_script("change({colour: 'size', base: false, fem: false})")
+    set_kpa(window, kpa)
+    points = small().points
+    inner = np.setdiff1d(np.arange(len(points)), surrogate.face.mesh.outline[:, :2])
+    u = surrogate.predict(points, kpa)
+    stage = window.execute_script(
+        "const box = stage.getBoundingClientRect(); return [box.x, box.y, view.scale, view.x, view.z]"
+    )
+    x, y, scale, origin_x, origin_z = stage
+    places = points + u
+    pixels = np.array(Image.open(io.BytesIO(window.get_screenshot_as_png())).convert("RGB")).astype(int)
+    column = (x + origin_x + scale * places[inner, 0]).astype(int)
+    row = (y + origin_z - scale * places[inner, 1]).astype(int)
+    most = max(np.linalg.norm(surrogate.predict(points, each), axis=1).max() for each in [0, *small().pressures_kpa])
+    size = np.linalg.norm(u[inner], axis=1) / most
+    expected = 255 * matplotlib.colormaps["viridis"](size)[:, :3]
+    difference = np.abs(pixels[row, column] - expected).max(axis=1)
+    assert len(inner) > 50 and np.quantile(difference, 0.95) < 12, difference.max()
+    ground = pixels[int(y + origin_z - scale * -60), int(x + origin_x + scale * 5)]
+    assert tuple(ground) == (14, 20, 32)
+
+
+def test_slider_keys_and_touch_move_the_finger(window: Chrome) -> None:
+    set_kpa(window, 0)
+    slider = window.find_element(By.ID, "slider")
+    ActionChains(window).move_to_element(slider).click().perform()
+    assert shown_kpa(window) == pytest.approx(25, abs=0.5)
+    window.find_element(By.TAG_NAME, "body").send_keys(Keys.ARROW_RIGHT)
+    assert shown_kpa(window) == pytest.approx(25.5, abs=0.5)
+    slider.send_keys(Keys.END)
+    assert shown_kpa(window) == 50
+    ActionChains(window).drag_and_drop_by_offset(window.find_element(By.ID, "stage"), -300, 0).perform()
+    assert 30 < shown_kpa(window) < 45
+    window.find_element(By.TAG_NAME, "body").send_keys("4f")
+    assert window.execute_script("return [state.colour, state.fem]") == ["error", True]
+    settled(window)
+    assert "surrogate − FEM" in window.find_element(By.ID, "quantity").text
+    for key, colour in (("2", "x"), ("3", "z"), ("1", "size")):
+        window.find_element(By.TAG_NAME, "body").send_keys(key)
+        assert window.execute_script("return state.colour") == colour
+    window.find_element(By.TAG_NAME, "body").send_keys("f")
+
+
+def test_plays_and_pauses(window: Chrome) -> None:
+    set_kpa(window, 10)
+    play = window.find_element(By.ID, "play")
+    play.click()
+    window.execute_async_script("setTimeout(arguments[0], 400)")
+    assert window.execute_script("return state.playing")
+    play.click()
+    stopped = shown_kpa(window)
+    assert stopped != 10
+    window.execute_async_script("setTimeout(arguments[0], 200)")
+    assert shown_kpa(window) == stopped
+
+
+def test_fits_a_phone(window: Chrome) -> None:
+    screen = {"width": 360, "height": 640, "deviceScaleFactor": 2, "mobile": True}
+    window.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+    settled(window)
+    assert window.execute_script("return document.documentElement.scrollWidth") <= 360
+    boxes = window.execute_script(
+        "return [...document.querySelectorAll('button, #slider')].map((e) => e.getBoundingClientRect().toJSON())"
+    )
+    assert all(box["left"] >= 0 and box["right"] <= 360 and box["bottom"] <= 640 for box in boxes)
+    assert all(box["height"] >= 30 for box in boxes)
+    window.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    settled(window)
+
+
+def test_a_network_is_shown_as_the_polynomial_nearest_to_it(tmp_path: Path) -> None:
+    network = trained("mlp", tmp_path)
+    coefficients, error_mm = polynomial(network, 50.0)
+    assert coefficients.shape[1:] == small().points.shape
+    assert error_mm < 1e-2
+
+
+def test_task_writes_the_page(lab: Lab, small_run: Path) -> None:
+    done = lab("task=view")
+    assert done.returncode == 0, done.stderr
+    text = (small_run / "viewer.html").read_text(encoding="utf-8")
+    assert "{{" not in text and "Finger “pneunet”" in text
+    assert not re.search(r"(src|href|url)\s*[=(]\s*[\"']?(https?:)?//", text)
