@@ -36,23 +36,26 @@ def _relu(h: Tensor) -> Derivatives:
 
 
 def _tanh(h: Tensor) -> Derivatives:
-    value = torch.tanh(h)
-    first = 1 - value.square()
-    second = -2 * value * first
-    return value, first, second, -2 * (first.square() + value * second)
+    value = (2 * torch.sigmoid(2 * h)).sub_(1)  # the same, several times faster than torch.tanh
+    first = torch.square(value).neg_().add_(1)
+    second = (value * first).mul_(-2)
+    return value, first, second, torch.square(first).addcmul_(value, second).mul_(-2)
 
 
 def _silu(h: Tensor) -> Derivatives:
     gate = torch.sigmoid(h)
-    slope, odd = gate * (1 - gate), 1 - 2 * gate
+    slope = torch.addcmul(gate, gate, gate, value=-1)
+    odd = (-2 * gate).add_(1)
     bend = slope * odd
-    return h * gate, gate + h * slope, 2 * slope + h * bend, 3 * bend + h * (bend * odd - 2 * slope.square())
+    third = (h * torch.square(slope).mul_(-2).addcmul_(bend, odd)).add_(bend, alpha=3)
+    return h * gate, torch.addcmul(gate, h, slope), (2 * slope).addcmul_(h, bend), third
 
 
 def _gelu(h: Tensor) -> Derivatives:
-    gate = (1 + torch.erf(h / math.sqrt(2))) / 2
-    density = torch.exp(-h.square() / 2) / math.sqrt(2 * math.pi)
-    return h * gate, gate + h * density, density * (2 - h.square()), density * h * (h.square() - 4)
+    gate = torch.erf(h * math.sqrt(0.5)).add_(1).mul_(0.5)
+    square = torch.square(h)
+    density = torch.exp(square * -0.5) / math.sqrt(2 * math.pi)
+    return h * gate, torch.addcmul(gate, h, density), density * (2 - square), density * h * (square - 4)
 
 
 def _softplus(h: Tensor) -> Derivatives:

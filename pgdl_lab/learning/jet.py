@@ -1,8 +1,9 @@
 """Values and spatial derivatives of a field, propagated through its layers in closed form.
 
 A stack of rows [h, h_x, h_z, h_xx, h_zz, h_xz] is carried through every layer: one matrix product per linear layer, the
-chain rule at every activation (Faà di Bruno to second order). One ordinary backward pass follows. Layers that are not
-known here are differentiated by nested automatic differentiation, one layer at a time.
+chain rule at every activation (Faà di Bruno to second order). One ordinary backward pass follows. Networks of one or
+two outputs take a shorter way, see `pgdl_lab.learning.sweeps`. Layers that are not known here are differentiated by
+nested automatic differentiation, one layer at a time.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from pgdl_lab.learning.activations import DERIVATIVES
+from pgdl_lab.learning.sweeps import MOST_OUTPUTS, two_sweeps
 
 ROWS = {0: 1, 1: 3, 2: 6}  # number of rows by order of the highest derivative
 X, Z, XX, ZZ, XZ = range(1, 6)
@@ -131,6 +133,11 @@ def propagate(layer: nn.Module, rows: Tensor) -> Tensor:
 def _through(layers: list[nn.Module], rows: Tensor) -> Tensor:
     """Carry rows through one layer after the other; a linear layer and its activation share one pass."""
     while layers:
+        if len(rows) == ROWS[2] and (length := _few_outputs(layers)) and not _transformed():
+            chain, layers = layers[:length], layers[length:]
+            linear = [layer for layer in chain if isinstance(layer, nn.Linear)]
+            rows = two_sweeps(linear, [type(layer) for layer in chain[1::2]], rows)
+            continue
         layer, *layers = layers
         if len(rows) > 1 and isinstance(layer, nn.Linear) and layers and type(layers[0]) in DERIVATIVES:
             bias = rows.new_zeros(layer.out_features) if layer.bias is None else layer.bias
@@ -141,10 +148,27 @@ def _through(layers: list[nn.Module], rows: Tensor) -> Tensor:
     return rows
 
 
+def _few_outputs(layers: list[nn.Module]) -> int:
+    """How many of `layers`, from the first, are linear ones with activations between, down to few outputs; or 0."""
+    length = 0
+    while (
+        length + 2 < len(layers) and isinstance(layers[length], nn.Linear) and type(layers[length + 1]) in DERIVATIVES
+    ):
+        length += 2
+    last = layers[length]
+    return length + 1 if length and isinstance(last, nn.Linear) and last.out_features <= MOST_OUTPUTS else 0
+
+
+def _transformed() -> bool:
+    """Whether PyTorch compiles or transforms what it is shown, and cannot look into derivatives by hand in place."""
+    return torch.compiler.is_compiling() or torch._C._are_functorch_transforms_active()
+
+
 def _activated(rows: Tensor, bias: Tensor, kind: type[nn.Module]) -> Tensor:
     """The chain rule at an activation of rows (J, n, C) plus a bias (C,) of the first."""
     if not torch.compiler.is_compiling():
-        out: Tensor = _Activation.apply(rows, bias, kind)[0]  # type: ignore[no-untyped-call]
+        apply: Any = _Activation.apply
+        out: Tensor = apply(rows, bias, kind)[0]
         return out
     # the compiler fuses this and its derivative by itself, and does not see through a derivative by hand
     value, first, second, _ = DERIVATIVES[kind](rows[0] + bias)

@@ -83,6 +83,33 @@ def test_gradients_by_hand_agree_with_the_fallback(activation: str, order: int) 
         assert torch.allclose(ours, theirs, atol=TOLERANCE, rtol=TOLERANCE)
 
 
+def behind_another_layer() -> tuple[nn.Sequential, Tensor]:
+    """A network whose linear layers see second derivatives that depend on weights before them, and its rows."""
+    torch.manual_seed(6)
+    layers = nn.Sequential(Mixing(), *fully_connected(2, 2, depth=3, width=8, activation="gelu")).double()
+    return layers, plane(torch.randn(9, 2, dtype=torch.double), 2)
+
+
+def test_two_sweeps_pass_gradients_on_to_what_is_before_them() -> None:
+    layers, rows = behind_another_layer()
+    factors, weights = torch.randn(6, 9, 2, dtype=torch.double), list(layers.parameters())
+    ours, theirs = (
+        torch.autograd.grad((factors * way(layers, rows).square()).sum(), weights) for way in (propagate, nested)
+    )
+    for one, other in zip(ours, theirs, strict=True):
+        assert torch.allclose(one, other, atol=TOLERANCE, rtol=TOLERANCE)
+
+
+def test_passes_that_are_alive_together_share_no_memory() -> None:
+    layers, rows = behind_another_layer()
+    weights = list(layers.parameters())
+    alone = [torch.autograd.grad(propagate(layers, factor * rows).square().sum(), weights) for factor in (1.0, 2.0)]
+    first, second = (propagate(layers, factor * rows).square().sum() for factor in (1.0, 2.0))
+    for total, expected in ((second, alone[1]), (first, alone[0]), (first, alone[0])):
+        for one, other in zip(torch.autograd.grad(total, weights, retain_graph=True), expected, strict=True):
+            assert torch.equal(one, other)
+
+
 def test_jacobians_by_weights_can_be_taken_of_all_rows_at_once() -> None:
     torch.manual_seed(5)
     layers = fully_connected(3, 2, depth=2, width=4, activation="tanh").double()
