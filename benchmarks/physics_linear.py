@@ -139,8 +139,9 @@ def show(found: Errors) -> None:
         alone = errors(NAMES[0], 0.0)
         cells = [f"{alone.mean():.3g} ({alone.min():.3g} … {alone.max():.3g})"]
         for name in NAMES:
-            beta = min(BETAS[1:], key=lambda beta, name=name: errors(name, beta).mean())  # type: ignore[misc]
-            ratio = errors(name, beta) / alone
+            tried = {beta: errors(name, beta) for beta in BETAS[1:]}
+            beta, least = min(tried.items(), key=lambda pair: pair[1].mean())
+            ratio = least / alone
             cells.append(f"×{ratio.mean():.2f} ({ratio.min():.2f} … {ratio.max():.2f}), β = {beta:g}")
         table.add_row(split, f"{share:.1%}", ("up to 44 kPa", "above 44 kPa")[judged], *cells)
     Console(width=150).print(table)

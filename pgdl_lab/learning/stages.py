@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import torch
@@ -52,13 +53,17 @@ class FirstOrder(Stage):
 
     def __init__(self, name: str, weights: Iterable[nn.Parameter], rule: OptimizerSettings) -> None:
         rates: dict[str, Any] = {"lr": rule.lr, "weight_decay": rule.weight_decay}
-        classes = {"adam": torch.optim.Adam, "adamw": torch.optim.AdamW, "nadam": torch.optim.NAdam}
+        classes: dict[str, Callable[..., torch.optim.Optimizer]] = {
+            "adam": partial(torch.optim.Adam, fused=True),
+            "adamw": partial(torch.optim.AdamW, fused=True),
+            "nadam": torch.optim.NAdam,
+        }
         if name == "muon":
             matrices = [weight for weight in weights if weight.ndim == 2]
             rest = [weight for weight in weights if weight.ndim != 2]
             # so scaled, its steps are as large as those of AdamW, and both go well with one learning rate
             muon = torch.optim.Muon(matrices, adjust_lr_fn="match_rms_adamw", **rates)
-            self.optimizers = [muon, torch.optim.AdamW(rest, **rates)]
+            self.optimizers = [muon, classes["adamw"](rest, **rates)]
         else:
             self.optimizers = [classes[name](weights, **rates)]
 
@@ -85,7 +90,8 @@ class Lbfgs(Stage):
 
     def step(self, closure: Closure) -> str | None:
         optimizer = self.optimizers[0]
-        self._losses = [*self._losses[-PATIENCE:], float(optimizer.step(closure))]  # type: ignore[arg-type]
+        step: Any = optimizer.step  # PyTorch's type asks for a closure that returns a number; L-BFGS takes tensors too
+        self._losses = [*self._losses[-PATIENCE:], float(step(closure))]
         weights = optimizer.param_groups[0]["params"]
         steepest = max(float(weight.grad.abs().max()) for weight in weights if weight.grad is not None)
         if steepest <= FLAT:

@@ -57,9 +57,8 @@ class TwoSweeps(torch.autograd.Function):
         for kind, weight, bias in zip(kinds, weights[:-1], biases[:-1], strict=True):
             z = _times(up[-1], weight.T, arena.take(3, points, len(weight)))
             z[0] += bias
-            value, first, second, third = DERIVATIVES[kind](z[0])
-            a = arena.take(*z.shape)
-            a[0] = value
+            a, (first, second, third) = arena.take(*z.shape), arena.take(*z.shape)
+            DERIVATIVES[kind](z[0], (a[0], first, second, third))
             torch.mul(z[1:], first, out=a[1:])
             up.append(a)
             bends.append((z, first, second, third))
