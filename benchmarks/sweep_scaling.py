@@ -13,6 +13,8 @@ journal each of them reads what all others write.
 import argparse
 import multiprocessing
 import os
+import signal
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -56,7 +58,16 @@ class Timed(KernelLock):
 
 
 def work(folder: Path, url: str | None, trials: int, barrier: Barrier, results: Any) -> None:
-    """One worker; what it measured goes into `results`."""
+    """One worker; what it measured goes into `results`, or why it could not."""
+    try:
+        results.put(worked(folder, url, trials, barrier))
+    except Exception as error:
+        results.put(repr(error))
+        barrier.abort()
+
+
+def worked(folder: Path, url: str | None, trials: int, barrier: Barrier) -> tuple[float, ...]:
+    """Start, end, number of trials, time waited for the lock, time that it was held and processor time [s]."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     sampler = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
     settings = SearchSettings("scaling", n_trials=trials, objectives=["value"], sampler=sampler)
@@ -69,8 +80,9 @@ def work(folder: Path, url: str | None, trials: int, barrier: Barrier, results: 
         study.tell(claims[0], [claims[0].trial.params["a"]])
         count += 1
     end = time.perf_counter()
-    results.put((start, end, count, lock.waited, lock.held, time.process_time() - cpu))
+    used = time.process_time() - cpu
     study.close()
+    return start, end, count, lock.waited, lock.held, used
 
 
 def measure(workers: int, url: str | None, trials: int, folder: Path) -> list[str]:
@@ -79,9 +91,11 @@ def measure(workers: int, url: str | None, trials: int, folder: Path) -> list[st
     processes = [FORK.Process(target=work, args=(folder, url, trials, barrier, results)) for _ in range(workers)]
     for process in processes:
         process.start()
-    found = [results.get() for _ in processes]
+    found: list[Any] = [results.get() for _ in processes]
     for process in processes:
         process.join()
+    if failed := [each for each in found if isinstance(each, str)]:
+        raise SystemExit(f"{len(failed)} workers failed, the first with {failed[0]}")
     starts, ends, counts, waited, held, cpu = zip(*found, strict=True)
     seconds = max(ends) - min(starts)
     told = optuna.load_study(study_name="scaling", storage=open_storage(url, folder)).get_trials(deepcopy=False)
@@ -106,6 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 4, 16, 64])
     parser.add_argument("--storages", nargs="+", default=["journal", "postgresql"], choices=["journal", "postgresql"])
     chosen = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the server ends with this program
     table = Table(title=f"{chosen.trials} empty trials on one study, {os.cpu_count()} cores for all workers")
     headings = (
         "storage",

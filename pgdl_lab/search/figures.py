@@ -14,6 +14,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.assessment.figures import STYLE
 from pgdl_lab.files import replacing
+from pgdl_lab.search.tally import LOST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,7 +98,7 @@ def _history(axes: Sequence[Axes], study: optuna.Study, objectives: Mapping[str,
         axis.plot(numbers, values, "o", ms=4, label="complete")
         axis.step(numbers, best, where="post", color="0.3", label="best so far")
         for state, mark, label in ((TrialState.PRUNED, "|", "pruned"), (TrialState.FAIL, "x", "failed")):
-            others = [trial.number for trial in trials if trial.state is state]
+            others = [trial.number for trial in trials if trial.state is state and LOST not in trial.user_attrs]
             if others:
                 axis.plot(others, [max(values)] * len(others), mark, color="tab:red", ms=7, label=label)
         _scale(axis, "y", values)

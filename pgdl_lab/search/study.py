@@ -161,6 +161,7 @@ class SharedStudy:
         LabError
             If too many trials failed.
         """
+        self.trials()  # what others have told by now is read before the lock is taken, and kept
         with self.lock:
             tally = self._tally()
             left = self._left(tally)

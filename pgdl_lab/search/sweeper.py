@@ -206,7 +206,9 @@ class Search:
         """Write the report unless another worker has done so for the same trials."""
         ended = len(shared.ended())
         if shared.study.user_attrs.get(REPORTED) == ended and (BEST / self.settings.study).is_dir():
-            _log.info("Study %s is complete: %d trials in %s", self.settings.study, ended, self.folder)
+            _log.info(
+                "Study %s: %d of %d trials in %s", self.settings.study, ended, self.settings.n_trials, self.folder
+            )
             return
         written = report(shared)
         tracking.log_to_parent(self.folder, written)
