@@ -102,11 +102,12 @@ def _numpy(surrogate: Surrogate, folder: Path) -> tuple[Path, Predict]:
 def _program(surrogate: Surrogate, folder: Path) -> tuple[Path, Predict]:
     import torch
 
-    from pgdl_lab.deploy.torch_form import graph_of, program_of, write_program
+    from pgdl_lab.deploy.torch_form import graph_of, program_of, quiet, write_program
 
     path = folder / "surrogate.pt2"
     write_program(program_of(graph_of(surrogate)), path)
-    module = torch.export.load(path).module()
+    with quiet():
+        module = torch.export.load(path).module()
 
     @torch.no_grad()
     def predict(points_mm: Floats, pressures_kpa: Floats) -> Floats:

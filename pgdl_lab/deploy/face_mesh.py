@@ -68,7 +68,10 @@ class FaceMesh:
     def affine(self) -> tuple[Floats, Floats]:
         """First corner (T, 2) [mm] of each triangle, and the slopes (T, 2, 2) of its other two weights [1/mm]."""
         first, second, third = np.moveaxis(self.points_mm[self.triangles], 1, 0)
-        return first, np.linalg.inv(np.stack([second - first, third - first], axis=-1))
+        (ax, az), (bx, bz) = (second - first).T, (third - first).T
+        # written out, as a library's inverse has other last bits on other processors
+        slopes = np.array([[bz, -bx], [-az, ax]]) / (ax * bz - az * bx)
+        return first, np.ascontiguousarray(np.moveaxis(slopes, 2, 0))
 
     @cached_property
     def cells(self) -> tuple[Floats, float, Ints]:

@@ -159,7 +159,7 @@ def program_of(graph: Graph) -> torch.export.ExportedProgram:
 
 def write_program(program: torch.export.ExportedProgram, path: Path) -> None:
     """Write a file for `torch.export.load`."""
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    with quiet(), replacing(path) as temporary, temporary.open("wb") as file:
         torch.export.save(program, file)
 
 
@@ -175,7 +175,7 @@ def write_onnx(program: torch.export.ExportedProgram, path: Path) -> None:
         import onnxscript  # noqa: F401 (PyTorch needs it here, and says so in many lines)
     except ImportError as error:
         raise InputError("ONNX files need more packages: pip install 'pgdl_lab[export]'.") from error
-    with _quiet(), replacing(path) as temporary:
+    with quiet(), replacing(path) as temporary:
         converted = torch.onnx.export(
             program, dynamo=True, input_names=ARGUMENTS, output_names=["displacement_mm"], verbose=False
         )
@@ -184,8 +184,8 @@ def write_onnx(program: torch.export.ExportedProgram, path: Path) -> None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Without the exporter's remarks on its own deprecations."""
+def quiet() -> Iterator[None]:
+    """Without the exporters' remarks on themselves."""
     loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
     levels = [logger.level for logger in loggers]
     with warnings.catch_warnings():

@@ -1,0 +1,171 @@
+"""How long a prediction takes: every model in every form, beside the finite elements and the paper's network.
+
+    python benchmarks/latency.py [--seconds 0.3] [--loop 60]
+
+The default finger, its full field of 4,439 points and its tip, at one pressure that changes with every call; median and
+99th percentile on one and on two threads. Forms: `original` and `numpy` prepared for the points (`surrogate.at`), as a
+control loop does; `torch.export` and `onnx` look the points up in every call. Networks are trained for one epoch and
+what is learnt in rounds in one, as that does not matter here. Then a loop of 1 kHz: every millisecond a place for the
+tip becomes a pressure, and the pressure the tip and the full field.
+"""
+
+import argparse
+import gc
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import cache, paths
+from pgdl_lab.composing import experiment
+from pgdl_lab.deploy.export import Form, Predict, export, read_onnx
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.threads import threads
+from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.surrogate import Surrogate
+
+MODELS = {
+    "hybrid": ["model=hybrid", "model.rounds=1", "model.folds=2"],
+    "pod": ["model=pod", "model.rounds=1"],
+    "finite_element": ["model=finite_element"],
+    "body": ["model=body"],
+    "mlp": ["model=mlp"],
+    "the paper's 8×100": ["experiment=paper_random"],
+}
+Call = Callable[[float], object]
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description="Latency of all models in all forms.")
+    parser.add_argument("--seconds", type=float, default=0.3, help="for each measurement")
+    parser.add_argument("--loop", type=float, default=60.0, help="seconds of the loop of 1 kHz")
+    given = parser.parse_args()
+    default = experiment([])
+    snapshots, *_ = cache.simulate(default.finger, default.fem, default.observation, paths.RUNS / "snapshots")
+    table = Table(title="Latency, median / 99th percentile (µs)")
+    for heading in (
+        "model",
+        "form",
+        "size (kB)",
+        "tip, 1 thread",
+        "field, 1 thread",
+        "tip, 2 threads",
+        "field, 2 threads",
+    ):
+        table.add_column(heading, justify="right" if "(" in heading or "," in heading else "left", no_wrap=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, choices in MODELS.items():
+            surrogate = trained(choices, snapshots, Path(folder) / name)
+            for form, size, calls in forms(surrogate, snapshots, Path(folder) / name):
+                row = [measured(call, snapshots, given.seconds, count) for count, call in calls]
+                table.add_row(name, form, f"{size / 1e3:.0f}", *row)
+            table.add_section()
+            if name == "hybrid":
+                loop(surrogate, given.loop)
+    seconds = snapshots.provenance["seconds"]
+    solved = 1 if snapshots.body is None else len(snapshots.body.pressures_kpa)
+    table.add_row("finite elements", "100 snapshots", "", f"{seconds * 1e6:.3g}", f"{seconds * 1e6:.3g}")
+    table.add_row("", "one equilibrium", "", f"{seconds / solved * 1e6:.3g}", f"{seconds / solved * 1e6:.3g}")
+    Console(width=150).print(table)
+    print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+def trained(choices: list[str], snapshots: Snapshots, folder: Path) -> Surrogate:
+    """A surrogate of the default finger, networks after one epoch."""
+    folder.mkdir()
+    chosen = experiment([*choices, "trainer.progress=false"])
+    train = chosen.split.train_points(snapshots, 0)
+    training = Training(
+        Samples.of(snapshots, train), Scene.of(chosen.finger, snapshots), {"data": chosen.loss["data"]},
+        replace(chosen.trainer, max_epochs=1), chosen.optimizer, 0, folder, snapshots.provenance,
+    )  # fmt: skip
+    surrogate = chosen.model.fit(training)
+    surrogate.save(folder / "surrogate.pt")
+    return surrogate
+
+
+def forms(
+    surrogate: Surrogate, snapshots: Snapshots, folder: Path
+) -> Iterator[tuple[str, int, list[tuple[int, Call]]]]:
+    """Name and bytes of each form, and the calls that are timed: number of threads and tip or field."""
+    points, tip = snapshots.points, snapshots.points[snapshots.base[-1:]]
+
+    def prepared(which: Surrogate) -> list[tuple[int, Call]]:
+        return [(count, which.at(where)) for count in (1, 2) for where in (tip, points)]
+
+    def unprepared(predict: Callable[[int], Predict]) -> list[tuple[int, Call]]:
+        calls: list[tuple[int, Call]] = []
+        for count in (1, 2):
+            made = predict(count)
+            for where in (tip, points):
+                calls.append((count, lambda kpa, made=made, where=where: made(where, np.array([kpa]))))  # type: ignore[misc]
+        return calls
+
+    yield "original", (folder / "surrogate.pt").stat().st_size, prepared(surrogate)
+    for form in export(surrogate, folder / "export"):
+        if not isinstance(form, Form):
+            continue
+        size = form.path.stat().st_size
+        if form.name == "numpy":
+            from pgdl_lab import load
+
+            yield form.name, size, prepared(load(form.path, outside="ignore"))
+        elif form.name == "onnx":
+            yield form.name, size, unprepared(lambda count, path=form.path: read_onnx(path, count))  # type: ignore[misc]
+        else:
+            yield form.name, size, unprepared(lambda _, predict=form.predict: predict)  # type: ignore[misc]
+
+
+def measured(call: Call, snapshots: Snapshots, seconds: float, count: int) -> str:
+    """Median and 99th percentile of `call` on `count` threads [µs]."""
+    pressures = np.random.default_rng(0).uniform(0, snapshots.pressures_kpa[-1], 997).tolist()
+    with threads(count):
+        for kpa in pressures[:3]:
+            call(kpa)
+        times: list[float] = []
+        end = time.perf_counter() + seconds
+        while len(times) < 100 or time.perf_counter() < end:
+            kpa = pressures[len(times) % len(pressures)]
+            start = time.perf_counter()
+            call(kpa)
+            times.append(time.perf_counter() - start)
+    median, high = 1e6 * np.percentile(times, [50, 99])
+    return f"{median:.3g} / {high:.3g}"
+
+
+def loop(surrogate: Surrogate, seconds: float) -> None:
+    """Follow a moving tip at 1 kHz and tell how long the model took in each period."""
+    tip, top = surrogate.tip_mm, surrogate.ranges["pressure_kpa"][1]
+    at, field = surrogate.at([tip]), surrogate.at(surrogate.face.mesh.points_mm)
+    targets = [tip + at(top * (0.5 - 0.45 * np.cos(2 * np.pi * k / 2000)))[0] for k in range(2000)]  # 2 s up and down
+    surrogate.pressure_for(tip=targets[0])
+    wall, own = [], []
+    gc.collect()
+    gc.disable()
+    begin = time.perf_counter()
+    for tick in range(int(1000 * seconds)):
+        while time.perf_counter() < begin + tick * 1e-3:
+            pass
+        start, start_own = time.perf_counter(), time.thread_time()
+        kpa = float(surrogate.pressure_for(tip=targets[tick % len(targets)]))
+        at(kpa)
+        field(kpa)
+        wall.append(time.perf_counter() - start)
+        own.append(time.thread_time() - start_own)
+    gc.enable()
+    for name, times in (("on the clock", wall), ("of its own processor time", own)):
+        middle, high, most = 1e6 * np.percentile(times, [50, 99, 100])
+        late = int((np.array(times) > 1e-3).sum())
+        print(f"1 kHz for {seconds:g} s, pressure for the tip, tip and full field, {name}: median {middle:.0f}, "
+              f"p99 {high:.0f}, most {most:.0f} µs; {late} of {len(times)} over 1 ms")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
