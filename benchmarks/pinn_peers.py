@@ -104,8 +104,7 @@ class Steps(pl.Callback):
     """Counts steps and the processor time that they take together."""
 
     def __init__(self) -> None:
-        self.count = 0
-        self._start = 0.0
+        self.count, self.seconds, self._start = 0, 0.0, 0.0
 
     def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         self._start = time.thread_time()

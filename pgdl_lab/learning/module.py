@@ -18,6 +18,7 @@ from pgdl_lab.learning.stages import Stage, stages
 
 _log = logging.getLogger(__name__)
 
+RECORDING = 0.01  # share of the training time that entries of the loss history may take
 SLACK = 0.05  # share of the time budget by which a training may lag behind its epochs before its schedule is shortened
 
 
@@ -96,6 +97,7 @@ class TrainingModule(pl.LightningModule):
         self._steps = 0
         self._batches = 0
         self._started_s = 0.0
+        self._recording_s = 0.0  # that the last entry of the history took
 
     @property
     def samples(self) -> int:
@@ -216,8 +218,11 @@ class TrainingModule(pl.LightningModule):
         if self.best and self.patience is not None and waited >= self.patience and not self.stopped:
             self._stop(f"no better state in {waited} epochs")
         last = self.trainer.should_stop or self.current_epoch + 1 >= self.budget.max_epochs
-        if last or not self.history or self.seconds - self.history[-1]["seconds"] >= self.budget.log_every_s:
+        least = self.budget.log_every_s and max(self.budget.log_every_s, self._recording_s / RECORDING)
+        if last or not self.history or self.seconds - self.history[-1]["seconds"] >= least:
+            start = time.monotonic()
             self._record()
+            self._recording_s = time.monotonic() - start
         if last:
             self._restore_best()
 

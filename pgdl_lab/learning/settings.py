@@ -37,7 +37,8 @@ class TrainerSettings:
     checkpoint_every_s
         Time between checkpoints [s].
     log_every_s
-        Least time between two entries of the loss history [s]; entries are made at the end of epochs.
+        Least time between two entries of the loss history [s]; entries are made at the end of epochs, and seldom enough
+        to take no more than a hundredth of the time, unless this is 0.
     progress
         Whether a progress bar is shown.
     """
