@@ -28,7 +28,7 @@ COMMANDS = {
     ),
     "again": ("experiment=front/pareto_1",),
     "failures": (
-        *(*SEARCH, "fem.kind=choice(points,burst,slow)", "hydra.sweeper.trial_seconds=1", "hydra.sweeper.n_trials=3"),
+        *(*SEARCH, "fem.kind=choice(points,burst,slow)", "hydra.sweeper.trial_seconds=4", "hydra.sweeper.n_trials=3"),
         "hydra.sweeper.max_failure_rate=0.8",
         "hydra.sweeper.sampler={_target_:optuna.samplers.BruteForceSampler,seed:0}",
     ),
@@ -132,7 +132,7 @@ def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
         return workers[-1]
 
     def wait_for(count: int) -> None:
-        limit = time.monotonic() + 60
+        limit = time.monotonic() + 120
         while len(ended(trials(toy))) < count:
             assert time.monotonic() < limit, (toy / "output.log").read_text()
             time.sleep(0.05)
@@ -144,7 +144,7 @@ def test_nothing_is_lost_or_done_twice_when_workers_are_killed(
     second.send_signal(signal.SIGKILL)
     first.wait()
     second.wait()
-    assert start(*plain).wait(timeout=100) == 0, (toy / "output.log").read_text()
+    assert start(*plain).wait(timeout=150) == 0, (toy / "output.log").read_text()
     found = trials(toy)
     assert len(ended(found)) == 12
     assert {trial.state for trial in ended(found)} == {TrialState.COMPLETE}
@@ -162,7 +162,7 @@ def test_trials_that_fail_or_take_too_long_are_told_and_the_others_run_on(done: 
     assert told["failures"][0] == 0, told["failures"][1]
     found = trials(root, "failures")
     states = {trial.params["fem.kind"]: (trial.state.name, trial.user_attrs.get("error")) for trial in found}
-    slow = "The trial took longer than hydra.sweeper.trial_seconds=1 s."
+    slow = "The trial took longer than hydra.sweeper.trial_seconds=4 s."
     assert states == {"points": ("COMPLETE", None), "burst": ("FAIL", "The finger burst."), "slow": ("FAIL", slow)}
     for error in ("The finger burst.", slow):
         assert f"failed: {error}" in told["failures"][1]
