@@ -46,6 +46,7 @@ TERMS: dict[str, tuple[str, dict[str, Any]]] = {
     "equilibrium": ("equilibrium", {}),
     "traction": ("traction", {}),
 }
+RATIOS = (0.25, 0.5, 1, 2)  # that the axes of the figure show
 FAILED_MM = 10.0  # RMS error from which a training counts as failed
 FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "physics_ablation.png"
 
@@ -184,10 +185,10 @@ def draw(results: list[dict[str, Any]]) -> None:
         for place in range(len(WORTHS_MM), len(places), len(WORTHS_MM)):
             ax.axvline(place - 0.5, color="0.85", lw=1)
         ax.set(yscale="log", title=title, ylabel="RMS error by that\nof data alone", xlim=(-0.5, len(places) - 0.5))
-        ax.yaxis.set_major_formatter("{x:g}")
+        ax.set_yticks(RATIOS, [f"{ratio:g}" for ratio in RATIOS])
         ax.yaxis.set_minor_formatter(NullFormatter())
-        ax.grid(axis="y", which="both", color="0.92")
-        ax.legend(loc="upper left", fontsize=8)
+        ax.grid(axis="y", color="0.92")
+        ax.legend(loc="lower left", fontsize=8)
     axes[-1].set_xticks(range(len(places)), [f"{term}\n{worth:g} mm" for term, worth in places], fontsize=8)
     axes[-1].set_xlabel("term and its weight, as the error that it is worth on the simulated displacement")
     title = f"Physics in the loss of model body on a finger of {CHAMBERS} chambers, {len(results)} trainings"
