@@ -1,6 +1,6 @@
 """How long a prediction takes: every model in every form, beside the finite elements and the paper's network.
 
-    python benchmarks/latency.py [--seconds 0.3] [--loop 60]
+    python benchmarks/latency.py [--seconds 0.3] [--loop 60] [--model hybrid]
 
 The default finger, its full field of 4,439 points and its tip, at one pressure that changes with every call; median and
 99th percentile on one and on two threads. Forms: `original` and `numpy` prepared for the points (`surrogate.at`), as a
@@ -19,8 +19,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from pgdl_lab import cache, paths
 from pgdl_lab.composing import experiment
@@ -38,6 +36,7 @@ MODELS = {
     "mlp": ["model=mlp"],
     "the paper's 8×100": ["experiment=paper_random"],
 }
+LINE = "{:<18} {:<16} {:>6} {:>16} {:>16} {:>16} {:>16}"
 Call = Callable[[float], object]
 
 
@@ -45,35 +44,25 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description="Latency of all models in all forms.")
     parser.add_argument("--seconds", type=float, default=0.3, help="for each measurement")
+    parser.add_argument("--model", nargs="*", default=list(MODELS), choices=list(MODELS))
     parser.add_argument("--loop", type=float, default=60.0, help="seconds of the loop of 1 kHz")
     given = parser.parse_args()
     default = experiment([])
     snapshots, *_ = cache.simulate(default.finger, default.fem, default.observation, paths.RUNS / "snapshots")
-    table = Table(title="Latency, median / 99th percentile (µs)")
-    for heading in (
-        "model",
-        "form",
-        "size (kB)",
-        "tip, 1 thread",
-        "field, 1 thread",
-        "tip, 2 threads",
-        "field, 2 threads",
-    ):
-        table.add_column(heading, justify="right" if "(" in heading or "," in heading else "left", no_wrap=True)
+    print("median / 99th percentile [µs]")
+    print(LINE.format("model", "form", "kB", "tip, 1 thread", "field, 1 thread", "tip, 2 threads", "field, 2 threads"))
     with tempfile.TemporaryDirectory() as folder:
-        for name, choices in MODELS.items():
-            surrogate = trained(choices, snapshots, Path(folder) / name)
+        for name in given.model:
+            surrogate = trained(MODELS[name], snapshots, Path(folder) / name)
             for form, size, calls in forms(surrogate, snapshots, Path(folder) / name):
                 row = [measured(call, snapshots, given.seconds, count) for count, call in calls]
-                table.add_row(name, form, f"{size / 1e3:.0f}", *row)
-            table.add_section()
+                print(LINE.format(name, form, f"{size / 1e3:.0f}", *row), flush=True)
             if name == "hybrid":
                 loop(surrogate, given.loop)
     seconds = snapshots.provenance["seconds"]
     solved = 1 if snapshots.body is None else len(snapshots.body.pressures_kpa)
-    table.add_row("finite elements", "100 snapshots", "", f"{seconds * 1e6:.3g}", f"{seconds * 1e6:.3g}")
-    table.add_row("", "one equilibrium", "", f"{seconds / solved * 1e6:.3g}", f"{seconds / solved * 1e6:.3g}")
-    Console(width=150).print(table)
+    for what, each in (("100 snapshots", seconds), ("one equilibrium", seconds / solved)):
+        print(LINE.format("finite elements", what, "", *[f"{1e6 * each:.3g}"] * 2, "", ""))
     print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 
 

@@ -1,25 +1,105 @@
-"""What the README promises."""
+"""What README.md and the guides in docs/ promise: every command in them is run, as far as that is quick."""
 
+import ast
 import json
 import re
+import shlex
+import tomllib
 from pathlib import Path
 
-from tests.conftest import Lab
+import pytest
 
-README = (Path(__file__).parent.parent / "README.md").read_text()
+from tests.conftest import CHECKOUT, Lab, composed
+
+README = CHECKOUT / "README.md"
+PAGES = [README, *sorted((CHECKOUT / "docs").glob("*.md"))]
+SHORT = (
+    *("finger.chambers=2", "finger.max_kpa=5", "fem.edge_mm=6", "fem.element=hex20", "observation.snapshots=4"),
+    *("observation.points=800", "split.points=500", "trainer.max_epochs=2", "trainer.progress=false"),
+)
 
 
-def test_plugin_of_the_readme_trains(lab: Lab, tmp_path: Path) -> None:
-    (source,) = re.findall(r'```python\n("""Loss `flatness`.*?)```', README, re.DOTALL)
+def commands(page: Path) -> list[str]:
+    """Commands in the blocks of a page that are marked as shell, and those in its tables and text."""
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    lines = [part for block in blocks for line in block.splitlines() for part in line.split(" && ")]
+    return [line.strip() for line in lines if line.strip()] + re.findall(r"`(python (?:-m|benchmarks/)[^`]*)`", text)
+
+
+ALL = [pytest.param(command, id=f"{page.name}: {command}") for page in PAGES for command in commands(page)]
+
+
+def first_of_sweep(override: str) -> str:
+    """The first of the values that a multirun goes through: `a=[b],[c]` becomes `a=[b]`."""
+    key, _, value = override.partition("=")
+    depth = 0
+    for place, letter in enumerate(value):
+        depth += (letter in "[{(") - (letter in "]})")
+        if letter == "," and depth == 0:
+            return f"{key}={value[:place]}"
+    return override
+
+
+def check(command: str) -> None:
+    """Run a command as far as it is quick; one that this test does not know is a failure."""
+    program, *given = shlex.split(command)
+    match [Path(program).name, *given]:
+        case ["python3", "-m", "venv", _]:
+            pass  # .ci/run makes it
+        case ["pip", "install", *options]:
+            project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())["project"]
+            assert options[:2] == ["-c", "constraints.txt"] and (CHECKOUT / "constraints.txt").is_file()
+            extras = re.findall(r"\w+", options[-1].partition("[")[2])
+            assert set(extras) <= project["optional-dependencies"].keys()
+        case ["python", "-m", "pgdl_lab", *choices]:
+            typed = [first_of_sweep(choice) for choice in choices if "=" in choice and "…" not in choice]
+            assert all("=" in choice or choice in ("-m", "--cfg", "job", "--help", "…") for choice in choices)
+            late = r"sweep=|experiment=(choose|architecture)/|resume="  # need Hydra's own start, or what a run left
+            pages = r"loss.*(flatness|area)"  # plugins of these pages, trained below
+            assert composed(*(choice for choice in typed if not re.match(f"{late}|{pages}", choice))).seed == 0
+        case ["python", script, *options] if (CHECKOUT / script).is_file():
+            source = (CHECKOUT / script).read_text(encoding="utf-8")
+            ast.parse(source)
+            assert all(option in source for option in options if option.startswith("--"))
+        case ["pytest", *_] | ["mlflow", "ui"]:
+            pass  # the one runs this, the other serves until it is stopped
+        case _:
+            pytest.fail(f"tests/test_readme.py does not know how to run: {command}")
+
+
+@pytest.mark.parametrize("command", ALL)
+def test_commands_can_be_typed(command: str) -> None:
+    check(command)
+
+
+def test_unknown_commands_are_noticed() -> None:
+    for command in ("rm -rf runs", "python benchmarks/gone.py", "python benchmarks/latency.py --slow"):
+        with pytest.raises((AssertionError, pytest.fail.Exception)):
+            check(command)
+    with pytest.raises(Exception, match="modle"):
+        check("python -m pgdl_lab modle=pod")
+
+
+def test_pages_link_to_what_is_there() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\((?!https?://|#)([^)#]+)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize(
+    ("page", "name", "choices"),
+    [
+        (README, "flatness", ["model=mlp", "loss=[data,flatness]", "loss.flatness.weight=0.1"]),
+        (CHECKOUT / "docs" / "your_loss.md", "area", ["model=body", "model.modes=16", "loss=[data,boundary,area]"]),
+    ],
+)
+def test_a_loss_of_a_page_trains(lab: Lab, tmp_path: Path, page: Path, name: str, choices: list[str]) -> None:
+    (source,) = re.findall(rf'```python\n("""Loss `{name}`.*?)```', page.read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "plugins" / "loss").mkdir(parents=True)
-    (tmp_path / "plugins" / "loss" / "flatness.py").write_text(source)
-    done = lab(
-        *("loss=[data,flatness]", "loss.flatness.weight=0.1", "finger.chambers=2", "finger.max_kpa=5"),
-        *("fem.edge_mm=6", "fem.element=hex20", "observation.snapshots=4", "observation.points=800"),
-        *("split.points=500", "trainer.max_epochs=2", "trainer.progress=false"),
-    )
+    (tmp_path / "plugins" / "loss" / f"{name}.py").write_text(source)
+    done = lab(*choices, *SHORT, "yardstick=null")
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "runs" / "latest" / "metrics.json").read_text())
-    assert metrics["losses"] == ["data", "flatness"]
-    surrogate = (tmp_path / "runs" / "latest" / "surrogate.pt").stat()
-    assert surrogate.st_size > 0
+    assert name in metrics["losses"] and metrics["residuals"][name]
+    assert (tmp_path / "runs" / "latest" / "surrogate.pt").stat().st_size > 0
