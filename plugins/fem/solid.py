@@ -47,8 +47,7 @@ class Solid(Fem):
     interpolation_mm
         Largest error of snapshots that are interpolated between equilibria [mm].
     estimate_error
-        Whether to estimate the discretisation error at the highest pressure; takes half as long as a simulation, and as
-        long as one where the error is large.
+        Whether to estimate the discretisation error at the highest pressure; takes about as long as the simulation.
     """
 
     edge_mm: float = 3.0
