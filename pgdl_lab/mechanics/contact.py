@@ -7,6 +7,7 @@ there can show: a body carried wholly through another crosses nothing at the end
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,8 @@ MOST_ADVANCES = 2000
 # Forces on quadratic faces come from samples, more of them than nodes: those of a uniform pressure are in error by the
 # square of the distance of samples. Where faces are too narrow for three to an edge, two must do.
 DIVISIONS = (3, 2)
+WIDEST_GAP = 10  # reaches: gaps up to it are measured
+MOST_PAIRS = 200  # of the flat skin that are looked at one by one; more take longer than a look at the fine skin
 
 
 @dataclass(frozen=True)
@@ -75,13 +78,12 @@ class Contact:
         self.reach_mm = reach_mm
         self._faces, self._positions = faces, discretisation.positions
         self._flat = sampled(faces, discretisation.positions, 1)
+        self._flat_corners = self._flat.faces.reshape(len(faces), -1)
         self._potential = ipctk.BarrierPotential(reach_mm, stiffness_mpa, use_physical_barrier=True)
-        rest = np.zeros_like(discretisation.positions)
         for divisions in DIVISIONS:
             self._mesh = sampled(faces, discretisation.positions, divisions)
             # Triangles that share no vertex may be near each other at rest: a step, or the bottom of a gap.
-            self._rest_mm = 4 * reach_mm
-            near_mm = self.gap_mm(rest)
+            near_mm = smallest_distance(self._mesh, self._mesh.rest_positions, 2 * reach_mm)
             if not np.isfinite(near_mm):
                 break
         else:
@@ -89,8 +91,12 @@ class Contact:
                 f"fem.contact_mm is {reach_mm} mm; it must be below half of {near_mm:.3g} mm, the smallest distance "
                 "between surfaces of the undeformed mesh."
             )
-        self._rest_mm = 40 * reach_mm
-        self._rest_mm = min(self.gap_mm(rest), self._rest_mm)
+
+    @cached_property
+    def _seen_mm(self) -> float:
+        """Distance up to which gaps are told from what is near at rest [mm]."""
+        farthest = WIDEST_GAP * self.reach_mm
+        return min(smallest_distance(self._mesh, self._mesh.rest_positions, 2 * farthest) / 2, farthest)
 
     def response(self, displacement: Array, *, hessian: bool) -> ContactResponse:
         """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration."""
@@ -139,17 +145,32 @@ class Contact:
 
     def near(self, displacement: Array) -> bool:
         """Whether surfaces are within reach of each other."""
-        corners = self._flat.displace_vertices(np.asfortranarray(displacement))
-        apart = self.reach_mm + 2 * bulge(self._faces, self._positions + displacement)
-        if collisions(self._flat, corners, apart).empty():
+        if self._apart(displacement, self.reach_mm):
             return False
         return not collisions(self._mesh, self._vertices(displacement), self.reach_mm).empty()
 
     def gap_mm(self, displacement: Array) -> float:
         """Smallest distance between surfaces [mm]; infinite when they are farther than half of that at rest."""
-        vertices = self._vertices(displacement)
-        found = collisions(self._mesh, vertices, self._rest_mm / 2)
-        return float("inf") if found.empty() else float(found.compute_minimum_distance(self._mesh, vertices)) ** 0.5
+        if self._apart(displacement, self._seen_mm):
+            return float("inf")
+        return smallest_distance(self._mesh, self._vertices(displacement), self._seen_mm)
+
+    def _apart(self, displacement: Array, distance_mm: float) -> bool:
+        """Whether it is sure, without a look at the fine skin, that surfaces are farther than `distance_mm` apart."""
+        corners = self._flat.displace_vertices(np.asfortranarray(displacement))
+        off = bulge(self._faces, self._positions + displacement)
+        found = collisions(self._flat, corners, distance_mm + 2 * float(off.max()))
+        if len(found) > MOST_PAIRS:
+            return False
+        at_vertices = np.zeros(len(corners))
+        np.maximum.at(at_vertices, self._flat_corners, off[:, None])
+        edges, triangles = self._flat.edges, self._flat.faces
+        for pair in (found[number] for number in range(len(found))):
+            apart = pair.compute_distance(pair.dof(corners, edges, triangles)) ** 0.5
+            vertices = [vertex for vertex in pair.vertex_ids(edges, triangles) if vertex >= 0]
+            if apart <= distance_mm + 2 * at_vertices[vertices].max():
+                return False
+        return True
 
     def _vertices(self, displacement: Array) -> Array:
         vertices: Array = self._mesh.displace_vertices(np.asfortranarray(displacement))
@@ -164,6 +185,12 @@ def collisions(mesh: "ipctk.CollisionMesh", vertices: Array, reach_mm: float) ->
     found.use_area_weighting = True
     found.build(mesh, vertices, reach_mm)
     return found
+
+
+def smallest_distance(mesh: "ipctk.CollisionMesh", vertices: Array, farthest_mm: float) -> float:
+    """The smallest distance [mm] on `mesh` with its `vertices` (V, 3) [mm]; infinite beyond `farthest_mm`."""
+    found = collisions(mesh, vertices, farthest_mm)
+    return float("inf") if found.empty() else float(found.compute_minimum_distance(mesh, vertices)) ** 0.5
 
 
 class NoContact(Contact):

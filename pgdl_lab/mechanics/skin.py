@@ -79,18 +79,18 @@ def sampled(faces: NDArray[np.int64], positions: Array, divisions: int) -> "ipct
     )
 
 
-def bulge(faces: NDArray[np.int64], at: Array) -> float:
-    """Bound on how far curved `faces` with nodes `at` (N, 3) lie from two flat triangles on their corners each [mm]."""
+def bulge(faces: NDArray[np.int64], at: Array) -> Array:
+    """Bound (F,) on how far curved `faces` with nodes `at` (N, 3) lie from flat triangles on their corners [mm]."""
     x = at[faces]
     corners = 4 if faces.shape[1] > 6 else 3
     chords = (x[:, :corners] + np.roll(x[:, :corners], -1, axis=1)) / 2
-    off = np.linalg.norm(x[:, corners : 2 * corners] - chords, axis=2).max()
-    if corners == 3:
-        return float(OF_MIDDLES[faces.shape[1]] * off)
-    twist = np.linalg.norm(x[:, 0] - x[:, 1] + x[:, 2] - x[:, 3], axis=1).max() / 4
+    off = np.linalg.norm(x[:, corners : 2 * corners] - chords, axis=2).max(axis=1)
     if faces.shape[1] == 9:
-        off = max(off, np.linalg.norm(x[:, 8] - x[:, :4].mean(axis=1), axis=1).max())
-    return float(OF_MIDDLES[faces.shape[1]] * off + twist)
+        off = np.maximum(off, np.linalg.norm(x[:, 8] - x[:, :4].mean(axis=1), axis=1))
+    result: Array = OF_MIDDLES[faces.shape[1]] * off
+    if corners == 4:
+        result += np.linalg.norm(x[:, 0] - x[:, 1] + x[:, 2] - x[:, 3], axis=1) / 4  # its twist
+    return result
 
 
 def grid(divisions: int, *, square: bool) -> tuple[Array, NDArray[np.int64]]:
