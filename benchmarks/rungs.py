@@ -1,4 +1,4 @@
-"""The cheap models beside the solid: error and time of `fem=rod` and `fem=section` for every finger.
+"""The cheap models beside the solid: error and time of `fem=rod` and both states of `fem=section`.
 
     python benchmarks/rungs.py
 
@@ -9,6 +9,7 @@ taken. A tip is the end of the base line; per cent are of its displacement.
 
 import os
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -20,7 +21,11 @@ from pgdl_lab.fem import Fem
 from pgdl_lab.snapshots import Observation, Snapshots
 
 FINGERS = ("pneunet", "pneunet_reference", "joints", "bellows")
-RUNGS = ("rod", "section")
+RUNGS: dict[str, tuple[str, dict[str, Any]]] = {
+    "rod": ("rod", {}),
+    "section, plane strain": ("section", {"state": "plane_strain"}),
+    "section, plane stress": ("section", {"state": "plane_stress"}),
+}
 
 
 @dataclass(frozen=True)
@@ -50,8 +55,8 @@ def main() -> None:
     for name in FINGERS:
         finger = experiment([f"finger={name}"]).finger
         reference, _, _ = cache.simulate(finger, solid, observation, paths.RUNS / "snapshots")
-        for rung in RUNGS:
-            fem: Fem = registry.plugin("fem", rung)()
+        for rung, (plugin, fields) in RUNGS.items():
+            fem: Fem = registry.plugin("fem", plugin)(**fields)
             fem.simulate(finger, observation)
             snapshots = fem.simulate(finger, observation)
             seconds = snapshots.provenance["seconds"]

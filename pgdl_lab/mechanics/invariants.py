@@ -44,7 +44,7 @@ def first_invariant(c: Array, *, second: bool) -> Invariant:
     if not second:
         return Invariant(value, first, None)
     crossed = inverse[:, None] * (first / 3 + value / 18 * inverse)
-    return Invariant(value, first, value / 3 * _product(inverse) - crossed - crossed.swapaxes(0, 1))
+    return Invariant(value, first, value / 3 * product(inverse) - crossed - crossed.swapaxes(0, 1))
 
 
 def second_invariant(c: Array, *, second: bool) -> Invariant:
@@ -57,7 +57,7 @@ def second_invariant(c: Array, *, second: bool) -> Invariant:
     if not second:
         return Invariant(value, first, None)
     crossed = 2 / 3 * inverse[:, None] * (first + value / 3 * inverse)
-    matrix = 2 / 3 * value * _product(inverse) - crossed - crossed.swapaxes(0, 1)
+    matrix = 2 / 3 * value * product(inverse) - crossed - crossed.swapaxes(0, 1)
     matrix[:3, :3] += shrink
     for i in range(6):
         matrix[i, i] -= shrink if i < 3 else shrink / 2
@@ -80,7 +80,7 @@ def inverse_and_determinant(c: Array) -> tuple[Array, Array]:
     return cofactor / determinant, determinant
 
 
-def _product(inverse: Array) -> Array:
+def product(inverse: Array) -> Array:
     """(C⁻¹_IK C⁻¹_JL + C⁻¹_IL C⁻¹_JK) / 2 (6, 6, …): −∂C⁻¹_IJ/∂C_KL, of C⁻¹ (6, …)."""
     i, j = ROWS[:, None], COLUMNS[:, None]
     k, m = ROWS, COLUMNS

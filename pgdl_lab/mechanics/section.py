@@ -1,4 +1,4 @@
-"""A finger as a plane body: its x–z section in plane strain, with a layer across the cavities for the side walls.
+"""A finger as a plane body: its x–z section, with a layer across the cavities for the side walls.
 
 The elements are those of the solid without the third direction: nine nodes, discontinuous linear pressure. In solid
 regions they have the width of the finger, over cavities that of both side walls, of whose stiffness only a share
@@ -10,6 +10,7 @@ longer than the solid. So the share is a calibrated number.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,8 @@ from pgdl_lab.mechanics.equilibrium import Equilibrium, nodal_volumes
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.lattice import Lattice
 from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.material import Material
+from pgdl_lab.mechanics.plane_stress import PlaneStress
 from pgdl_lab.mechanics.profile import Region
 from pgdl_lab.mechanics.reduced import ReducedModel
 from pgdl_lab.mechanics.solid import Solid
@@ -31,6 +34,25 @@ if TYPE_CHECKING:
     from skfem import Mesh
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlaneState:
+    """What goes for all points of a section.
+
+    Attributes
+    ----------
+    law
+        The law in the plane, of that in three dimensions.
+    side_wall_share
+        Share of the side walls' stiffness that counts over the cavities [–], calibrated on `finger=pneunet`.
+    """
+
+    law: Callable[[Material], Material]
+    side_wall_share: float
+
+
+STATES = {"plane_strain": PlaneState(lambda law: law, 0.09), "plane_stress": PlaneState(PlaneStress, 0.4)}
 
 
 def discretise_plane(mesh: "Mesh", width_mm: Array) -> Discretisation:
@@ -66,11 +88,11 @@ class PlaneFinger(ReducedModel):
         What is modelled.
     edge_mm
         Longest element edge [mm].
-    side_wall_share
-        Share of the side walls' stiffness that counts [–].
+    state
+        Of all its points.
     """
 
-    def __init__(self, finger: ExtrudedFinger, edge_mm: float, side_wall_share: float) -> None:
+    def __init__(self, finger: ExtrudedFinger, edge_mm: float, state: PlaneState) -> None:
         from skfem import MeshQuad
 
         grid = finger.profile().refined(edge_mm)
@@ -81,7 +103,7 @@ class PlaneFinger(ReducedModel):
         walls_mm = 2 * finger.side_wall_mm
         whole = discretise_plane(mesh, np.where(hollow, walls_mm, finger.width_mm))
         every, cavity = np.arange(len(hollow)), np.flatnonzero(hollow)
-        stiff = part(whole, every, np.where(hollow, side_wall_share, 1.0))
+        stiff = part(whole, every, np.where(hollow, state.side_wall_share, 1.0))
         air = part(whole, cavity, np.full(len(cavity), (finger.width_mm - walls_mm) / walls_mm))
         free = np.ones(whole.positions.shape, dtype=bool)
         free[:, 1] = False
@@ -89,7 +111,7 @@ class PlaneFinger(ReducedModel):
         gx, gz = finger.body_force_n_mm3
         self.mesh, self.nodes = mesh, self.lattice.nearest(*whole.positions[:, [0, 2]].T)
         self.equilibrium = Equilibrium(
-            Solid(stiff, finger.material), Air(air), np.array([gx, 0.0, gz]), free, NoContact()
+            Solid(stiff, state.law(finger.material)), Air(air), np.array([gx, 0.0, gz]), free, NoContact()
         )
         self.equilibrium.weight = nodal_volumes(whole)[:, None] * [gx, 0.0, gz]  # the whole weight of the side walls
         self.solver = symmetric_solver()

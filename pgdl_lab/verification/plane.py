@@ -1,4 +1,4 @@
-"""The plane elements and the air between them: a small-strain cantilever and a thick cylinder, both in plane strain."""
+"""Plane elements and air between them: cantilever and thick cylinder in plane strain, tension in plane stress."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,14 +9,18 @@ from skfem import MeshQuad, MeshQuad2
 from pgdl_lab.mechanics.air import Air
 from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
-from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.material import Array, Yeoh
+from pgdl_lab.mechanics.plane_stress import PlaneStress
 from pgdl_lab.mechanics.section import discretise_plane, part
 from pgdl_lab.mechanics.solid import Solid
 from pgdl_lab.verification.benchmark import Check, benchmark
 from pgdl_lab.verification.bodies import raise_load, settle
 from pgdl_lab.verification.cylinder import INNER_MM, OUTER_MM, STRETCHES, pressure_mpa
+from pgdl_lab.verification.homogeneous import laws
+from pgdl_lab.verification.tangents import off
 
 WIDTH_MM = 2.0
+PULLED = (1.1, 1.5, 2.0)
 LAYER = 1e-8  # of the stiffness of the wall; even by its bulk modulus it must not bear the pressure
 
 
@@ -75,3 +79,39 @@ def cylinder(quick: bool) -> Iterator[Check]:
             f"{1e3 * pressure:.3f} kPa: stretch of the bore [–]", stretch, obtained, 1e-3 * stretch,
             "closed form, incompressible (radial equilibrium)",
         )  # fmt: skip
+
+
+@benchmark("plane stress, uniaxial tension", quick=True)
+def uniaxial(quick: bool) -> Iterator[Check]:
+    """Pull a block that is free to thin in the plane and across it; its tangent beside differences."""
+    mesh = MeshQuad.init_tensor(np.linspace(0, 2, 3), np.linspace(0, 1, 3))
+    body = discretise_plane(mesh, np.full(mesh.nelements, WIDTH_MM))
+    x, _, z = body.positions.T
+    free = np.ones(body.positions.shape, dtype=bool)
+    free[:, 1] = False
+    free[np.isclose(x, 0) | np.isclose(x, 2), 0] = False
+    free[np.isclose(z, 0), 2] = False
+    no_air, random = Air(part(body, np.arange(1), np.ones(1))), np.random.default_rng(0)
+    for name, law, closed_form in laws():
+        solid = Solid(body, PlaneStress(law))
+
+        def forces_of(displacement: Array, solid: Solid = solid) -> Array:
+            return solid.response(displacement, stiffness=False).forces
+
+        equilibrium = Equilibrium(solid, no_air, np.zeros(3), free, NoContact())
+        for stretch in PULLED:
+            start = body.positions * [stretch - 1, 0.0, stretch**-0.5 - 1]
+            inside = free * 0.01 * random.normal(size=start.shape)
+            found = settle(equilibrium, start + inside)
+            forces = equilibrium.balance(found, Load(0.0, 0.0), stiffness=False).forces
+            nominal = closed_form(stretch, 0.5)
+            yield Check(
+                f"{name}, stretch {stretch:g}: nominal stress [MPa]", nominal,
+                float(forces[np.isclose(x, 2), 0].sum() / WIDTH_MM), 1e-4 * nominal, "closed form, incompressible",
+            )  # fmt: skip
+        direction = random.normal(size=free.shape) * [1, 0, 1]
+        local = direction[body.nodes].reshape(len(body.nodes), -1)
+        stiffness = solid.response(start + inside, stiffness=True).stiffness
+        assert stiffness is not None
+        error = off((stiffness @ local[..., None])[..., 0], forces_of, start + inside, direction)
+        yield Check(f"{name}: stiffness [–]", 0.0, error, 1e-6, "central differences")

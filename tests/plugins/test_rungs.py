@@ -11,6 +11,7 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.section import STATES, PlaneFinger
 from pgdl_lab.snapshots import Observation, Snapshots
 from tests.fingers import OBSERVATION, pneunet
 
@@ -20,15 +21,21 @@ def rung(name: str, **fields: Any) -> Fem:
     return fem
 
 
+def plane(finger: Any, share: float) -> PlaneFinger:
+    return PlaneFinger(finger, 3.0, replace(STATES["plane_strain"], side_wall_share=share))
+
+
 def solid_at(finger: Finger) -> Snapshots:
     fem: Fem = registry.plugin("fem", "solid")(interpolation_mm=1.0)
     return fem.simulate(finger, Observation(1, 1500))
 
 
-@pytest.mark.parametrize("name", ["rod", "section"])
+@pytest.mark.parametrize(
+    ("name", "fields"), [("rod", {}), ("section", {"state": "plane_strain"}), ("section", {"state": "plane_stress"})]
+)
 @pytest.mark.parametrize("finger", ["pneunet", "joints", "bellows"])
-def test_fingers_bend_down_as_pressure_rises(name: str, finger: str) -> None:
-    snapshots = rung(name, interpolation_mm=1e-2).simulate(registry.plugin("finger", finger)(), OBSERVATION)
+def test_fingers_bend_down_as_pressure_rises(name: str, fields: dict[str, Any], finger: str) -> None:
+    snapshots = rung(name, interpolation_mm=1e-2, **fields).simulate(registry.plugin("finger", finger)(), OBSERVATION)
     assert snapshots.displacements.shape == (10, 800, 2)
     np.testing.assert_allclose(snapshots.displacements[:, snapshots.clamp], 0, atol=1e-9)
     tip = np.diff(snapshots.displacements[:, snapshots.base[-1]], axis=0)
@@ -58,21 +65,17 @@ def test_rod_side_face_has_no_steps_between_segments() -> None:
 
 
 def test_section_keeps_its_weight_whatever_its_side_walls_bear() -> None:
-    from pgdl_lab.mechanics.section import PlaneFinger
-
     finger: Any = pneunet()
-    whole, soft = (PlaneFinger(finger, 3.0, share).equilibrium for share in (1.0, 0.01))
+    whole, soft = (plane(finger, share).equilibrium for share in (1.0, 0.01))
     np.testing.assert_allclose(whole.weight, soft.weight)
-    volume = PlaneFinger(finger, 3.0, 1.0).equilibrium.solid.discretisation.weights.sum()
+    volume = plane(finger, 1.0).equilibrium.solid.discretisation.weights.sum()
     np.testing.assert_allclose(whole.weight.sum(axis=0), [0, 0, -1130e-12 * 9810 * volume])
 
 
 def test_air_pushes_only_against_its_boundary() -> None:
     """Displacements inside the air change nothing, rigid motions neither; the volume is that of the cavity."""
-    from pgdl_lab.mechanics.section import PlaneFinger
-
     finger: Any = pneunet(chambers=1)
-    equilibrium = PlaneFinger(finger, 3.0, 1.0).equilibrium
+    equilibrium = plane(finger, 1.0).equilibrium
     positions = equilibrium.solid.discretisation.positions
     air = equilibrium.cavity.response(np.zeros_like(positions), hessian=False)
     np.testing.assert_allclose(air.volume, 4.5 * 11 * 10)  # one chamber, channel and all: 4.5 by 11 by 10 mm
@@ -99,6 +102,7 @@ def test_fingers_without_a_profile_are_refused(name: str) -> None:
         ("rod", {"step_mm": -1.0}, "fem.step_mm is -1.0 mm"),
         ("section", {"newton_mm": 0.0}, "fem.newton_mm is 0.0 mm"),
         ("section", {"side_wall_share": 0.0}, "fem.side_wall_share is 0.0; it must be above 0 and at most 1"),
+        ("section", {"state": "plane"}, "fem.state is 'plane'; choose one of plane_strain, plane_stress"),
         ("section", {"side_wall_share": 1.5}, "fem.side_wall_share is 1.5"),
     ],
 )
@@ -113,7 +117,7 @@ def test_what_converged_before_a_failure_is_kept(monkeypatch: pytest.MonkeyPatch
     with pytest.raises(
         SimulationStopped, match=r"up to 10 kPa, .*finger.max_kpa=20: 5 of 10 .*choose fem=solid"
     ) as stop:
-        rung("section").simulate(pneunet(), OBSERVATION)
+        rung("section", state="plane_strain").simulate(pneunet(), OBSERVATION)
     kept = stop.value.snapshots
     np.testing.assert_allclose(kept.pressures_kpa, [2, 4, 6, 8, 10])
     assert kept.displacements.shape == (5, 800, 2)
