@@ -129,10 +129,10 @@ def clocked(kind: type, names: Sequence[str]) -> Iterator[list[float]]:
     times: list[float] = []
 
     def timed(method: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any) -> Any:
+        def call(*arguments: Any, **named: Any) -> Any:
             began = time.process_time()
             try:
-                return method(*arguments)
+                return method(*arguments, **named)
             finally:
                 times.append(time.process_time() - began)
 

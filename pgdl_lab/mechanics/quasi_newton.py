@@ -19,6 +19,7 @@ FIRST_STEPS = 6  # with the stiffness that the caller has factorised, which need
 STEPS = 10  # with each stiffness of the energy itself
 FACTORISATIONS = 4
 ROUND_OFF = 1e-13  # of an energy
+LITTLE = 1e-10  # of the energy released since the start: a step that promises less leads nowhere
 
 
 def settle(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, accuracy: float) -> Array:
@@ -36,13 +37,16 @@ def settle(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load
     NoConvergence
         When the equilibrium is not found with few factorisations.
     """
-    displacement, _ = _descend(equilibrium, solver, start, start, load, 0.0, FIRST_STEPS)
+    try:
+        highest = equilibrium.balance(start, load, stiffness=False).energy
+    except InvertedElement as error:
+        raise NoConvergence from error
+    displacement, near = _descend(equilibrium, solver, start, highest, start, load, 0.0, FIRST_STEPS)
+    if near:
+        return displacement
     for _ in range(FACTORISATIONS):
-        try:
-            solver.factorise(equilibrium.balance(displacement, load, stiffness=True).stiffness)
-        except InvertedElement as error:
-            raise NoConvergence from error
-        displacement, near = _descend(equilibrium, solver, start, displacement, load, accuracy, STEPS)
+        solver.factorise(equilibrium.balance(displacement, load, stiffness=True).stiffness)
+        displacement, near = _descend(equilibrium, solver, start, highest, displacement, load, accuracy, STEPS)
         if near:
             return displacement
     raise NoConvergence
@@ -52,21 +56,22 @@ def _descend(
     equilibrium: Equilibrium,
     solver: SymmetricSolver,
     start: Array,
+    highest: float,
     displacement: Array,
     load: Load,
     accuracy: float,
     steps: int,
 ) -> tuple[Array, bool]:
-    """Take at most `steps` from `displacement`; also whether the last was as small as wanted."""
+    """Take at most `steps` from `displacement`; also whether it is near enough. At `start` the energy is `highest`."""
     free, updates = equilibrium.free, list[tuple[Array, Array, float]]()
-    try:
-        here = equilibrium.balance(displacement, load, stiffness=False)
-    except InvertedElement as error:
-        raise NoConvergence from error
+    here = equilibrium.balance(displacement, load, stiffness=False)
     for _ in range(steps):
         way = np.zeros_like(start)
         way[free] = -_direction(solver, updates, here.forces[free])
-        length, there = _step(equilibrium, displacement, way, load, here)
+        slope = float((here.forces * way)[free].sum())
+        if abs(slope) <= LITTLE * (highest - here.energy):
+            return displacement, True
+        length, there = _step(equilibrium, displacement, way, load, here, slope)
         step = length * way
         displacement = displacement + step
         moved, change = step[free], (there.forces - here.forces)[free]
@@ -91,10 +96,9 @@ def _direction(solver: SymmetricSolver, updates: list[tuple[Array, Array, float]
 
 
 def _step(
-    equilibrium: Equilibrium, displacement: Array, way: Array, load: Load, here: Balance
+    equilibrium: Equilibrium, displacement: Array, way: Array, load: Load, here: Balance, slope: float
 ) -> tuple[float, Balance]:
     """How much of `way` (N, 3) lowers the energy enough, by parabolas through what is known, and the balance there."""
-    slope = float((here.forces * way)[equilibrium.free].sum())
     length, noise = equilibrium.free_step(displacement, way), ROUND_OFF * abs(here.energy)
     while slope < 0 and length >= SMALLEST_STEP:
         try:

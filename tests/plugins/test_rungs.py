@@ -26,7 +26,7 @@ def plane(finger: Any, share: float) -> PlaneFinger:
 
 
 def solid_at(finger: Finger) -> Snapshots:
-    fem: Fem = registry.plugin("fem", "solid")(interpolation_mm=1.0)
+    fem: Fem = registry.plugin("fem", "solid")(interpolation_mm=1.0, estimate_error=False)
     return fem.simulate(finger, Observation(1, 1500))
 
 
