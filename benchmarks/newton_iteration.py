@@ -64,6 +64,7 @@ def general_assembly(
     material, identity = finger.material, np.eye(3)[:, :, None, None]
     assert isinstance(material, FirstInvariantMaterial)
 
+    # scikit-fem hands over fields of its own making, which neither it nor its decorator has types for.
     @skfem.BilinearForm
     def stiffness(u, v, w):  # type: ignore[no-untyped-def]
         return ddot(np.einsum("ijkl...,kl...->ij...", w["tangent"], u.grad), v.grad)

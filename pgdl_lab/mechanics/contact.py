@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+REACH_MM = 0.05  # unless told otherwise
 # The continuous collision detection steps on by what surfaces are apart; without a limit it steps for minutes where
 # they all but touch. Beyond the limit it takes them to meet, which is safe.
 MOST_ADVANCES = 2000

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.cavity import Cavity
-from pgdl_lab.mechanics.contact import Contact, NoContact
+from pgdl_lab.mechanics.contact import REACH_MM, Contact, NoContact
 from pgdl_lab.mechanics.discretisation_error import DiscretisationError, estimate, refined
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
@@ -138,7 +138,7 @@ class Model:
     """
 
     def __init__(
-        self, finger: Finger, edge_mm: float, element: str, contact: str = "off", contact_mm: float = 0.05
+        self, finger: Finger, edge_mm: float, element: str, contact: str = "off", contact_mm: float = REACH_MM
     ) -> None:
         self.finger = finger
         self.mesh = finger.mesh(edge_mm)

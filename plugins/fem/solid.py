@@ -13,6 +13,7 @@ from pgdl_lab import __version__
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.contact import REACH_MM
 from pgdl_lab.registry import describe, register
 from pgdl_lab.snapshots import Body, Observation, Snapshots
 
@@ -53,7 +54,7 @@ class Solid(Fem):
     edge_mm: float = 3.0
     element: str = "auto"
     contact: str = "auto"
-    contact_mm: float = 0.05
+    contact_mm: float = REACH_MM
     newton_mm: float = 1e-6
     interpolation_mm: float = 1e-5
     estimate_error: bool = True
