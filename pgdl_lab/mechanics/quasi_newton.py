@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.equilibrium import Balance, Equilibrium, Load
 from pgdl_lab.mechanics.linear import SymmetricSolver
-from pgdl_lab.mechanics.newton import SMALLEST_STEP, NoConvergence
+from pgdl_lab.mechanics.newton import NoConvergence
 from pgdl_lab.mechanics.solid import InvertedElement
 
 Array = NDArray[np.float64]
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 FIRST_STEPS = 6  # with the stiffness that the caller has factorised, which need not be that of the start
 STEPS = 10  # with each stiffness of the energy itself
 FACTORISATIONS = 4
+SMALLEST_STEP = 1e-4
 ROUND_OFF = 1e-13  # of an energy
 LITTLE = 1e-10  # of the energy released since the start: a step that promises less leads nowhere
 
@@ -72,6 +73,8 @@ def _descend(
         if abs(slope) <= LITTLE * (highest - here.energy):
             return displacement, True
         length, there = _step(equilibrium, displacement, way, load, here, slope)
+        if length == 0:  # another stiffness may know a better way
+            break
         step = length * way
         displacement = displacement + step
         moved, change = step[free], (there.forces - here.forces)[free]
@@ -98,7 +101,7 @@ def _direction(solver: SymmetricSolver, updates: list[tuple[Array, Array, float]
 def _step(
     equilibrium: Equilibrium, displacement: Array, way: Array, load: Load, here: Balance, slope: float
 ) -> tuple[float, Balance]:
-    """How much of `way` (N, 3) lowers the energy enough, by parabolas through what is known, and the balance there."""
+    """How much of `way` (N, 3) lowers the energy enough, and the balance there; 0 if nothing does."""
     length, noise = equilibrium.free_step(displacement, way), ROUND_OFF * abs(here.energy)
     while slope < 0 and length >= SMALLEST_STEP:
         try:
@@ -110,4 +113,4 @@ def _step(
         if excess <= -0.9999 * length * slope + noise:
             return length, there
         length *= float(np.clip(-length * slope / (2 * excess), 0.1, 0.5))
-    raise NoConvergence
+    return 0.0, here
