@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from tests.conftest import CHECKOUT, Lab, composed
 
@@ -21,7 +22,7 @@ SHORT = (
 
 def commands(page: Path) -> list[str]:
     """Commands in the blocks of a page that are marked as shell, and those in its tables and text."""
-    text = page.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     lines = [part for block in blocks for line in block.splitlines() for part in line.split(" && ")]
     return [line.strip() for line in lines if line.strip()] + re.findall(r"`(python (?:-m|benchmarks/)[^`]*)`", text)
@@ -43,7 +44,7 @@ def first_of_sweep(override: str) -> str:
 
 def check(command: str) -> None:
     """Run a command as far as it is quick; one that this test does not know is a failure."""
-    program, *given = shlex.split(command)
+    program, *given = shlex.split(command, comments=True)
     match [Path(program).name, *given]:
         case ["python3", "-m", "venv", _]:
             pass  # .ci/run makes it
@@ -55,9 +56,16 @@ def check(command: str) -> None:
         case ["python", "-m", "pgdl_lab", *choices]:
             typed = [first_of_sweep(choice) for choice in choices if "=" in choice and "…" not in choice]
             assert all("=" in choice or choice in ("-m", "--cfg", "job", "--help", "…") for choice in choices)
-            late = r"sweep=|experiment=(choose|architecture)/|resume="  # need Hydra's own start, or what a run left
+            late = r"sweep=|\+?hydra[./]|experiment=(choose|architecture)/|resume="  # Hydra's own, or left by a run
             pages = r"loss.*(flatness|area)"  # plugins of these pages, trained below
-            assert composed(*(choice for choice in typed if not re.match(f"{late}|{pages}", choice))).seed == 0
+            spread = r"[\w.]+=(range|interval|tag|choice)\("  # values of a search: of a setting that is there
+            config = composed(*(choice for choice in typed if not re.match(f"{late}|{pages}|{spread}", choice)))
+            for choice in typed:
+                key = choice.partition("=")[0]
+                assert not re.match(spread, choice) or OmegaConf.select(config, key) is not None, f"no setting {key}"
+        case ["sbatch", _, script, *choices]:
+            assert (CHECKOUT / script).is_file()
+            check(shlex.join(["python", "-m", "pgdl_lab", "-m", *choices]))
         case ["python", script, *options] if (CHECKOUT / script).is_file():
             source = (CHECKOUT / script).read_text(encoding="utf-8")
             ast.parse(source)
