@@ -48,13 +48,14 @@ def residuals(
     found: dict[str, dict[str, float]] = {}
     for name, loss in losses.items():
         own = loss.own_points(scene)
-        corners, weights = (None, None) if own is None else body.locate(own[0])  # else at the points of the face
+        placed = None if own is None else body.locate(own[0])  # None: at the points of the face
         matrices = body.derivatives[: ROWS[loss.order] - 1] if loss.order else []
         found[name] = dict.fromkeys(fields, 0.0)
         for who, field in fields.items():
             for i in which:
                 rows = np.stack([field[i], *(matrix @ field[i] for matrix in matrices)])
-                if corners is not None:
+                if placed is not None:
+                    corners, weights = placed
                     rows = np.einsum("nc,rnci->rni", weights, rows[:, corners])
                 target = torch.from_numpy(snapshots.displacements[i] if own is None else own[1])
                 pressures = torch.full((len(target),), float(snapshots.pressures_kpa[i]), dtype=target.dtype)
