@@ -15,6 +15,7 @@ from pgdl_lab.cache import simulate
 from pgdl_lab.epoch_logger import EpochLogger
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.doubt import trained
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.registry import describe
 from pgdl_lab.search import trial
@@ -76,7 +77,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         callbacks=trial.callbacks(folder),
     )
     try:
-        surrogate = experiment.model.fit(training)
+        surrogate = trained(experiment.model, training)
     except TrainingDiverged as diverged:
         diverged.surrogate.save(folder / "surrogate.pt")
         raise

@@ -24,6 +24,7 @@ from pgdl_lab.experiment import Experiment
 from pgdl_lab.fem import Fem
 from pgdl_lab.files import replacing
 from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.doubt import trained
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.surrogate import Surrogate
 
@@ -134,7 +135,7 @@ class Bench:
                 balancing=how.balancing,
             )
             began = time.perf_counter()
-            surrogate = how.model.fit(training)
+            surrogate = trained(how.model, training)
             return surrogate, time.perf_counter() - began
 
     def judge(

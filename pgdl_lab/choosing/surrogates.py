@@ -15,6 +15,7 @@ from pgdl_lab.choosing.settings import ChooseSettings
 from pgdl_lab.errors import LabError
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.doubt import trained
 from pgdl_lab.registry import plugin
 
 
@@ -69,19 +70,18 @@ def _trial(
     began = time.perf_counter()
     try:
         with tempfile.TemporaryDirectory() as folder:
-            surrogate = model.fit(
-                Training(
-                    Samples.of(snapshots, train),
-                    Scene.of(choice.finger, snapshots),
-                    experiment.loss,
-                    replace(experiment.trainer, progress=False),
-                    experiment.optimizer,
-                    experiment.seed,
-                    Path(folder),
-                    snapshots.provenance,
-                    balancing=experiment.balancing,
-                )
+            training = Training(
+                Samples.of(snapshots, train),
+                Scene.of(choice.finger, snapshots),
+                experiment.loss,
+                replace(experiment.trainer, progress=False),
+                experiment.optimizer,
+                experiment.seed,
+                Path(folder),
+                snapshots.provenance,
+                balancing=experiment.balancing,
             )
+            surrogate = trained(model, training)
     except LabError as failure:
         explain(f"surrogate: not {name}: {failure}")
         return False

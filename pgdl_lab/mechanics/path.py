@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.errors import LabError
 from pgdl_lab.mechanics.hermite import hermite
 from pgdl_lab.mechanics.newton import NoConvergence, Solution
 
@@ -81,6 +82,16 @@ class Branch:
         return max(float(np.abs(self.at(x) - self.at(x, NODES - 1)).max()) for x in places)
 
 
+class NoStart(LabError):
+    """No equilibrium was found where a load path begins."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "No equilibrium was found at the start of the load path: refine the mesh (fem.edge_mm), or check the "
+            "material and the gravity."
+        )
+
+
 class PathEnded(Exception):
     """No equilibrium could be found further on; `branch` holds what was found before."""
 
@@ -99,9 +110,14 @@ def follow(leg: Leg, start: Array, stop: float, first_step: float, report: Calla
     ------
     PathEnded
         When the step has become too small.
+    NoStart
+        When there is no equilibrium at parameter 0 near `start`.
     """
     branch, step, nodes = Branch(), first_step, NODES
-    branch.add(leg, start, 0.0)
+    try:
+        branch.add(leg, start, 0.0)
+    except NoConvergence:
+        raise NoStart from None
     while branch.parameters[-1] < stop:
         here = branch.parameters[-1]
         remaining = stop - here

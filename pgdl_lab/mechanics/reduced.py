@@ -51,6 +51,7 @@ def simulate(
     finger: Finger,
     observation: Observation,
     tolerances_mm: tuple[float, float],
+    caution: str,
 ) -> Snapshots:
     """Snapshots of `finger` by the model that `make` returns.
 
@@ -58,6 +59,8 @@ def simulate(
     ----------
     tolerances_mm
         Of each equilibrium, and of what is interpolated between them [mm].
+    caution
+        What the model leaves out: its error is unknown, so every simulation warns of it.
 
     Raises
     ------
@@ -97,6 +100,7 @@ def simulate(
             "seconds": ended - began,
         },
     )
+    _log.warning("%s Compare with fem=solid if that matters.", caution)
     if history.unstable_kpa:
         _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
     if not history.complete:

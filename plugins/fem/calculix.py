@@ -1,5 +1,6 @@
 """The finger in CalculiX, a second code on the mesh of the solid."""
 
+import logging
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,8 @@ from pgdl_lab.snapshots import Body, Observation, Snapshots
 if TYPE_CHECKING:
     from pgdl_lab.mechanics.calculix import Course
     from pgdl_lab.mechanics.finite_strain import Model
+
+_log = logging.getLogger(__name__)
 
 
 @register("fem", "calculix")
@@ -68,6 +71,11 @@ class Calculix(Fem):
             displacements=np.array([probe(displacement) for displacement in observed]).reshape(-1, len(face.points), 2),
             body=Body(*model.cells(), course.pressures_kpa, course.displacements),
             provenance=self._provenance(finger, model, course) | {"seconds": time.perf_counter() - began},
+        )
+        _log.warning(
+            "The discretisation error of fem=calculix is not estimated; on a mesh of 3 mm its element is some 10 %% "
+            "off: compare with another fem.edge_mm=%g, or choose fem=solid.",
+            self.edge_mm,
         )
         if course.trouble:
             raise SimulationStopped(

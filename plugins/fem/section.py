@@ -10,6 +10,11 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.registry import register
 from pgdl_lab.snapshots import Observation, Snapshots
 
+CAUTION = (
+    "fem=section was calibrated on finger=pneunet and does not know its own error, which can be tens of per cent on "
+    "other fingers (benchmarks/rungs.py)."
+)
+
 
 @register("fem", "section")
 @dataclass(frozen=True)
@@ -59,4 +64,4 @@ class Section(Fem):
         state, tolerances = STATES[self.state], (self.newton_mm, self.interpolation_mm)
         if self.side_wall_share is not None:
             state = replace(state, side_wall_share=self.side_wall_share)
-        return simulate(lambda it: PlaneFinger(it, self.edge_mm, state), self, finger, observation, tolerances)
+        return simulate(lambda it: PlaneFinger(it, self.edge_mm, state), self, finger, observation, tolerances, CAUTION)

@@ -1,0 +1,184 @@
+"""Whether `task=choose` keeps its promise: scenes it was not tuned on, each against a converged reference.
+
+    python benchmarks/choose_scenes.py                       # all of them: half an hour
+    python benchmarks/choose_scenes.py --scene three_chambers --tolerance 0.1
+    python benchmarks/choose_scenes.py --only-found          # the table of what there is
+
+The three fingers at tolerances of 1, 0.1 and 0.01 mm, and altered fingers. References are extrapolated from two meshes
+(`pgdl_lab.chart.reference`), the finer one no coarser than what was chosen; errors are the largest of any observed
+point at five pressures. A promise is kept when the error is within the tolerance, or within it but for what the
+reference itself may err by (then it says so); a refusal is no promise. Brute force is what the climb looked at and the
+finer meshes besides; trainings that the climb did not need are not counted against it.
+Each scene is stored under runs/choose_scenes as soon as it is done, and not repeated.
+"""
+
+import argparse
+import hashlib
+import json
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import paths
+from pgdl_lab.cache import simulate
+from pgdl_lab.chart.reference import find_reference
+from pgdl_lab.choosing.choice import Choice
+from pgdl_lab.choosing.climb import largest
+from pgdl_lab.choosing.settings import ChooseSettings
+from pgdl_lab.composing import experiment
+from pgdl_lab.experiment import Experiment
+from pgdl_lab.files import replacing
+from pgdl_lab.registry import describe, plugin
+from pgdl_lab.snapshots import Observation
+from pgdl_lab.tasks.choose import choose
+
+STORE = paths.RUNS / "choose_scenes"
+SNAPSHOTS = paths.RUNS / "snapshots"
+REFERENCE = {"name": "solid", "edge_mm": 3.0, "newton_mm": 1e-4, "interpolation_mm": 1e-3, "estimate_error": False}
+OBSERVATION = Observation(snapshots=20, points=4439)
+BUDGET_MS = 1.0  # so that a surrogate is needed
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A finger, the tolerances to try, and edges of the coarser mesh of its reference [mm]."""
+
+    typed: tuple[str, ...]
+    tolerances_mm: tuple[float, ...]
+    reference_mm: float = 3.0
+
+
+SCENES = {
+    "pneunet": Scene(("finger=pneunet",), (1.0, 0.1, 0.01)),
+    "joints": Scene(("finger=joints",), (1.0, 0.1, 0.01)),
+    "bellows": Scene(("finger=bellows",), (1.0, 0.1, 0.01), 3.5),
+    "three_chambers": Scene(("finger=pneunet", "finger.chambers=3"), (1.0, 0.1, 0.01)),
+    "one_joint": Scene(("finger=joints", "finger.joints=1", "finger.chambers=2"), (1.0, 0.1, 0.01)),
+    "thin_walls": Scene(
+        ("finger=pneunet_reference", "finger.chambers=3", "finger.wall_mm=2.0", "finger.max_kpa=20"), (1.0, 0.1)
+    ),
+}
+
+
+def main() -> None:
+    """Run what is missing and print the table."""
+    parser = argparse.ArgumentParser(description="Promises of task=choose against references.")
+    parser.add_argument("--scene", action="append", choices=list(SCENES))
+    parser.add_argument("--tolerance", action="append", type=float, help="of the scene's own tolerances, these only")
+    parser.add_argument("--only-found", action="store_true", help="the table of what was run before")
+    given = parser.parse_args()
+    rows: list[tuple[str, float, dict[str, Any]]] = []
+    for name in given.scene or SCENES:
+        for tolerance in SCENES[name].tolerances_mm:
+            if given.tolerance and tolerance not in given.tolerance:
+                continue
+            found = result(name, tolerance, given.only_found)
+            if found is not None:
+                rows.append((name, tolerance, found))
+    show(rows)
+
+
+def result(name: str, tolerance_mm: float, only_found: bool) -> dict[str, Any] | None:
+    """What one scene shows, from the store or run now."""
+    scene = SCENES[name]
+    digest = hashlib.sha256(json.dumps([scene.typed, scene.reference_mm, REFERENCE]).encode())
+    folders = [paths.ROOT / "pgdl_lab" / "choosing"]
+    for path in sorted(path for folder in folders for path in folder.glob("*.py")):
+        digest.update(path.read_bytes())
+    path = STORE / f"{name}-{tolerance_mm:g}-{digest.hexdigest()[:12]}.json"
+    if not path.is_file():
+        if only_found:
+            return None
+        found = run(scene, tolerance_mm)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(found, indent=1))
+    stored: dict[str, Any] = json.loads(path.read_text())
+    return stored
+
+
+def run(scene: Scene, tolerance_mm: float) -> dict[str, Any]:
+    """Choose, then judge."""
+    case = replace(experiment(list(scene.typed)), observation=OBSERVATION)
+    case = replace(case, split=replace(case.split, points=OBSERVATION.snapshots * OBSERVATION.points // 20))
+    ladder: Any = OmegaConf.to_container(OmegaConf.load(paths.CONF / "task" / "choose.yaml"))
+    settings = ChooseSettings(tolerance_mm, None, BUDGET_MS, **ladder["choose"])
+    began = time.perf_counter()
+    choice = choose(case, settings, SNAPSHOTS)
+    waited = time.perf_counter() - began
+    error, uncertain = judge(scene, case, choice)
+    return {
+        **choice.record(),
+        "error_mm": error,
+        "uncertainty_mm": uncertain,
+        "brute_force_s": brute_force_s(scene, case, choice),
+        "waited_s": waited,
+    }
+
+
+def judge(scene: Scene, case: Experiment, choice: Choice) -> tuple[float, float]:
+    """Largest error of what was chosen, and of the reference itself [mm]."""
+    assert choice.snapshots is not None
+    judged = Observation(5, OBSERVATION.points)
+    reference = find_reference(case.finger, {**REFERENCE, "edge_mm": scene.reference_mm}, judged, SNAPSHOTS)
+    which = reference.among(choice.snapshots.pressures_kpa)
+    shown = choice.snapshots.displacements[which]
+    if choice.surrogate is not None:
+        shown = choice.surrogate.predict(choice.snapshots.points, choice.snapshots.pressures_kpa[which])
+    return largest(shown - reference.displacements), reference.uncertainty.largest_mm
+
+
+def brute_force_s(scene: Scene, case: Experiment, choice: Choice) -> float:
+    """Time of what the climb looked at and of the meshes that it did not [s]."""
+    times = [choice.spent_s]  # of the rungs and models that the climb looked at as well
+    fine: Any = plugin("fem", "solid")(**{k: v for k, v in REFERENCE.items() if k != "name"})
+    for edge in (scene.reference_mm, scene.reference_mm / 2):
+        at = replace(fine, edge_mm=edge)
+        if getattr(choice.fem, "edge_mm", None) != edge or describe(choice.fem)["name"] != "solid":
+            snapshots, *_ = simulate(case.finger, at, Observation(5, OBSERVATION.points), SNAPSHOTS)
+            times.append(snapshots.provenance["seconds"])
+    return float(np.sum(times))
+
+
+def verdict(tolerance_mm: float, found: dict[str, Any]) -> str:
+    """Kept, broken, or refused."""
+    if not found["met"]:
+        return "refused"
+    over = found["error_mm"] - tolerance_mm
+    if over <= 0:
+        return "kept"
+    return "kept, as far as the reference can tell" if over <= found["uncertainty_mm"] else "BROKEN"
+
+
+def show(rows: list[tuple[str, float, dict[str, Any]]]) -> None:
+    """The table and the hit rate."""
+    table = Table(title="Promises of task=choose")
+    for heading in ("scene", "mm", "chosen", "promised", "error", "reference ±", "verdict", "time s", "brute force s"):
+        table.add_column(heading, justify="left" if heading in ("scene", "chosen", "verdict") else "right")
+    number = "{:.2g}".format
+    for name, tolerance, found in rows:
+        fem, model = found["fem"], found["model"]
+        chosen = f"{fem['name']} {fem.get('edge_mm', 0):g} mm" + (f", {model['name']}" if model else "")
+        numbers = (
+            number(found["expected_error_mm"]["all"]),
+            number(found["error_mm"]),
+            number(found["uncertainty_mm"]),
+        )
+        times = (f"{found['spent_s']:.0f}", f"{found['brute_force_s']:.0f}")
+        table.add_row(name, f"{tolerance:g}", chosen, *numbers, verdict(tolerance, found), *times)
+    Console(width=150).print(table)
+    verdicts = [verdict(tolerance, found) for _, tolerance, found in rows]
+    promised = [each for each in verdicts if each != "refused"]
+    kept = sum(each.startswith("kept") for each in promised)
+    spent, brute = (sum(found[key] for *_, found in rows) for key in ("spent_s", "brute_force_s"))
+    print(f"{kept} of {len(promised)} promises kept, {len(verdicts) - len(promised)} refusals; ", end="")
+    print(f"{spent:.0f} s against {brute:.0f} s by brute force")
+
+
+if __name__ == "__main__":
+    main()

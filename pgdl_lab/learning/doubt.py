@@ -1,0 +1,95 @@
+"""What a training can tell of itself: not learnt its data, followed their noise, or seen only part of a body.
+
+A small error at the training points proves nothing, but a large one proves that the model is wrong; and where no point
+was shown, nothing was learnt.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.linear import LinearModel
+from pgdl_lab.model import Model
+from pgdl_lab.surrogate import Outside, Surrogate
+
+_log = logging.getLogger(__name__)
+
+UNLEARNT = 0.05  # root mean square error at the training points, of that of the displacement
+HOLE = 0.08  # distance from the nearest training point, of the largest extent of the body
+LOOKED_AT = 2000  # training points at most; finding out costs little beside the training
+
+
+def trained(model: Model, training: Training) -> Surrogate:
+    """Fit `model` and warn of what speaks against the result.
+
+    Raises
+    ------
+    InputError, TrainingDiverged
+        See `Model.fit`.
+    """
+    surrogate = model.fit(training)
+    samples, some = training.samples, np.random.default_rng(0).permutation(len(training.samples.pressures_kpa))
+    _warn_of_holes(training)
+    error = _relative_error(surrogate, samples, some[:LOOKED_AT])
+    if not error <= UNLEARNT:
+        _log.warning(
+            "The model has not learnt its own training points: it errs by %.2g %% of the displacement there; train it "
+            "longer, or with another learning rate, weights or model.",
+            100 * error,
+        )
+    elif isinstance(model, LinearModel) and surrogate.error_bar(samples.points_mm[:1], 0.0) is None:
+        _warn_of_noise(model, training, some)
+    return surrogate
+
+
+def _warn_of_noise(model: Model, training: Training, order: NDArray[np.int64]) -> None:
+    """Fit to four fifths of the points and look at the others: a closed form sets none aside by itself."""
+    kept, left = np.split(order, [max(1, 4 * len(order) // 5)])
+    if not left.size:
+        return
+    part = model.fit(replace(training, samples=_of(training.samples, kept)))
+    error = _relative_error(part, training.samples, left[:LOOKED_AT])
+    if not error <= UNLEARNT:
+        _log.warning(
+            "Fitted to four fifths of its points, the model errs by %.2g %% of the displacement at the others: its "
+            "data are too few or too noisy; try model=pod, which smooths and has error bars.",
+            100 * error,
+        )
+
+
+def _warn_of_holes(training: Training) -> None:
+    from scipy.spatial import cKDTree
+
+    body = training.scene.points_mm
+    distance, _ = cKDTree(training.samples.points_mm).query(body)
+    extent, worst = float(np.ptp(body, axis=0).max()), int(distance.argmax())
+    if distance[worst] > HOLE * extent:
+        x, z = body[worst]
+        _log.warning(
+            "No training point lies within %.2g mm of x = %.3g, z = %.3g mm: what the model says there is a guess; "
+            "train on more points, or on some there.",
+            distance[worst], x, z,
+        )  # fmt: skip
+
+
+def _of(samples: Samples, some: NDArray[np.int64]) -> Samples:
+    return Samples(samples.points_mm[some], samples.pressures_kpa[some], samples.displacements_mm[some])
+
+
+def _relative_error(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> float:
+    """Root mean square error at the samples `some` (n,), relative to that of their displacement."""
+    chosen, squares = _of(samples, some), 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Outside)  # what is asked here is what it was trained on, or nearly
+        for kpa in np.unique(chosen.pressures_kpa):
+            here = chosen.pressures_kpa == kpa
+            error = surrogate.predict(chosen.points_mm[here], float(kpa)) - chosen.displacements_mm[here]
+            squares += float((error**2).sum())
+    size = float((chosen.displacements_mm**2).sum())
+    return float(np.sqrt(squares / size)) if size else np.inf

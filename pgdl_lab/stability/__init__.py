@@ -1,0 +1,1 @@
+"""Where methods fail: trials under stress, and how each ended."""

@@ -1,0 +1,147 @@
+"""Surrogates under stress: few or noisy points, precision, weights, learning rates, and questions beyond the data.
+
+All learn from simulations of one short finger. Errors are over all points at the pressure in question, relative to the
+root mean square of the displacement there.
+"""
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.composing import experiment
+from pgdl_lab.experiment import Experiment
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.doubt import trained
+from pgdl_lab.registry import field_names, names, plugin
+from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.stability.outcome import GOOD, Result
+
+SHARE = 0.05  # of the points, where nothing else is said
+TRAINED_KPA, TESTED_KPA = 44.0, (50.0, 60.0, 75.0)  # of the paper's finger; scaled to the one here
+COVERED = 0.9  # a model whose error bars cover so many of its errors has told of them
+
+
+@dataclass(frozen=True)
+class Stress:
+    """A training of an axis and where it is tested.
+
+    Attributes
+    ----------
+    axis, level
+        What it is.
+    data
+        "smooth", or "touching" where contact sets in beyond the trained range.
+    share
+        Of the points in range that are trained on.
+    noise
+        Standard deviation of the noise on the displacements, relative to their root mean square.
+    trained, tested
+        Highest pressure of training and pressure of the test, of the highest simulated.
+    hidden
+        Part of the length from and to which no point is trained on.
+    losses
+        Names and weights of the loss terms.
+    optimizer, model
+        Fields of the optimiser and of models that have them.
+    """
+
+    axis: str
+    level: str
+    data: str = "smooth"
+    share: float = SHARE
+    noise: float = 0.0
+    trained: float = 1.0
+    tested: float = 1.0
+    hidden: tuple[float, float] = (0.0, 0.0)
+    losses: dict[str, float] = field(default_factory=lambda: {"data": 1.0})
+    optimizer: dict[str, Any] = field(default_factory=dict)
+    model: dict[str, Any] = field(default_factory=dict)
+
+
+def stresses(quick: bool) -> Iterator[Stress]:
+    """All trainings; the quick ones are the last but one of each axis."""
+
+    def levels(*all_levels: Any) -> tuple[Any, ...]:
+        return all_levels[-2:][:1] if quick else all_levels
+
+    for share in levels(0.05, 0.01, 0.002, 0.0005):
+        yield Stress("fewer points", f"{share:.2%}", share=share)
+    for noise in levels(0.0, 0.01, 0.05):
+        yield Stress("noise", f"{noise:.0%}", noise=noise)
+    for dtype in levels("float32", "float64"):
+        yield Stress("precision", dtype, model={"dtype": dtype})
+    for power in levels(-4, -2, 0, 2, 4):
+        yield Stress("loss weights", f"1e{power}", losses={"data": 1.0, "navier_cauchy": 10.0**power})
+    for activation in levels("relu", "tanh"):
+        losses = {"data": 1.0, "navier_cauchy": 1.0}
+        yield Stress("second derivatives", activation, losses=losses, model={"activation": activation})
+    for rate in levels(1e-4, 1e-3, 1e-2, 1e-1, 10.0):
+        yield Stress("learning rate", f"{rate:g}", optimizer={"lr": rate})
+    for kpa in levels(*TESTED_KPA):
+        trained, tested = TRAINED_KPA / TESTED_KPA[-1], kpa / TESTED_KPA[-1]
+        yield Stress("extrapolation", f"{TRAINED_KPA:g} to {kpa:g}", trained=trained, tested=tested)
+    for trained in levels(1.0, 0.6, 0.4):
+        yield Stress("contact beyond training", f"trained to {trained:.0%}", data="touching", trained=trained)
+    for width in levels(0.0, 0.2, 0.4):
+        yield Stress("points missing", f"{width:.0%} of the length", hidden=(0.5 - width / 2, 0.5 + width / 2))
+
+
+def models() -> list[str]:
+    """Names of the models that are tried."""
+    return names("model")
+
+
+def attempt(stress: Stress, name: str, data: Snapshots, finger: Any, seed: int, seconds: float) -> Result:
+    """Train and test; raises LabError where the model refuses or stops."""
+    how = experiment([f"seed={seed}"])
+    train = _points(stress, data, seed)
+    samples = Samples.of(data, train)
+    size = float(np.sqrt((samples.displacements_mm**2).mean()))
+    noise = stress.noise * size * np.random.default_rng(seed).standard_normal(samples.displacements_mm.shape)
+    samples = replace(samples, displacements_mm=samples.displacements_mm + noise)
+    given = {key: value for key, value in stress.model.items() if key in field_names("model", name)}
+    known = {each.name for each in fields(how.optimizer)}
+    with tempfile.TemporaryDirectory() as folder:
+        training = Training(
+            samples,
+            Scene.of(finger, data),
+            {loss: plugin("loss", loss)(weight=weight) for loss, weight in stress.losses.items()},
+            _budget(how, seconds),
+            replace(how.optimizer, **{key: value for key, value in stress.optimizer.items() if key in known}),
+            seed,
+            Path(folder),
+            {},
+        )
+        surrogate = trained(plugin("model", name)(**given), training)
+    place = int(np.abs(data.pressures_kpa - stress.tested * data.pressures_kpa[-1]).argmin())
+    kpa, truth = float(data.pressures_kpa[place]), data.displacements[place]
+    errors = surrogate.predict(data.points, kpa) - truth
+    error = float(np.sqrt((errors**2).mean() / (truth**2).mean()))
+    return Result(error, _told(surrogate.error_bar(data.points, kpa), errors) if error > GOOD else "")
+
+
+def _told(bars: NDArray[np.float64] | None, errors: NDArray[np.float64]) -> str:
+    """What the error bars say, if they cover the errors."""
+    if bars is None:
+        return ""
+    covered = float((np.abs(errors) <= bars[:, None]).mean())
+    return f"its error bars cover {covered:.0%} of the errors" if covered >= COVERED else ""
+
+
+def _points(stress: Stress, data: Snapshots, seed: int) -> NDArray[np.int64]:
+    """Indices (n,) of the training points."""
+    x = data.points[:, 0] / data.points[:, 0].max()
+    shown = (x < stress.hidden[0]) | (x >= stress.hidden[1])
+    seen = data.pressures_kpa <= stress.trained * data.pressures_kpa[-1] * (1 + 1e-9)
+    among = np.flatnonzero(seen[:, None] & shown)
+    count = max(2, round(stress.share * len(among)))
+    return np.sort(np.random.default_rng(seed).choice(among, count, replace=False))
+
+
+def _budget(how: Experiment, seconds: float) -> Any:
+    return replace(how.trainer, progress=False, accelerator="cpu", max_time=f"{seconds:g}")
