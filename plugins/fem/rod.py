@@ -23,7 +23,7 @@ class Rod(Fem):
 
     Each segment from gap to gap is solved once in three dimensions at small strain; only rotations are large. Walls
     that stiffen, chambers that swell and contact are left out. For fingers with a profile; there is no body to show.
-    At half and full pressure the tip is 9 to 16 % off (benchmarks/rungs.py); at small loads, on short fingers, 1 to 2 %
+    At half and full pressure the tip is 1 to 13 % off (benchmarks/rungs.py); at small loads, on short fingers, 1 to 2 %
     under pressure and 2 to 9 % under weight.
 
     Attributes
