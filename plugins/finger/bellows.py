@@ -19,7 +19,7 @@ class Bellows(ExtrudedFinger):
     From the paper: the highest pressure, 120 kPa, and the extremes to meet. From the literature: the material, Elastic
     50A resin with the Yeoh coefficients that go with doi 10.1016/j.sna.2021.113199; the paper does not name its own.
     Calibrated: `width_mm`, `crest_mm`, `base_mm` and `fold_mm`, to u_x −150.38 … 5.015 mm at 120 kPa, by
-    a search like `-m sweep=calibrate finger=bellows`; u_x runs from −152.20 to 5.02 mm. The other dimensions are
+    a search like `-m sweep=calibrate finger=bellows`; u_x runs from −149.41 to 4.98 mm. The other dimensions are
     chosen: long, low and with little room below the folds, since a higher or softer roof carries the front of the
     finger further than 5 mm. Two extremes do not determine a finger; others meet them too.
 
