@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Finger(ABC):
-    """A pneumatic soft finger, clamped at x = 0, bending in the x–z plane, symmetric about y = 0.
+    """A pneumatic soft finger, clamped at x = 0, bending in the x–z plane, its body symmetric about y = 0.
 
     Attributes
     ----------
     max_kpa
         Highest air pressure of the simulation [kPa].
     gravity_m_s2
-        Acceleration of gravity along x and z [m/s²].
+        Acceleration of gravity along x and z, or along x, y and z [m/s²].
     density_kg_m3
         Mass density of the undeformed material [kg/m³].
     material
@@ -48,15 +48,27 @@ class Finger(ABC):
             raise InputError(f"finger.max_kpa is {self.max_kpa} kPa; it must be a positive pressure.")
         if not 0 <= self.density_kg_m3 < np.inf:
             raise InputError(f"finger.density_kg_m3 is {self.density_kg_m3} kg/m³; it must not be negative.")
-        if len(self.gravity_m_s2) != 2 or not np.isfinite(self.gravity_m_s2).all():
+        if len(self.gravity_m_s2) not in (2, 3) or not np.isfinite(self.gravity_m_s2).all():
             raise InputError(
-                f"finger.gravity_m_s2 is {self.gravity_m_s2}; give its x and z components in m/s², e.g. [0,-9.81]."
+                f"finger.gravity_m_s2 is {self.gravity_m_s2}; give its x and z components in m/s², e.g. [0,-9.81], or "
+                "x, y and z, e.g. [0,9.81,0]."
             )
 
     @property
+    def gravity_mm_s2(self) -> NDArray[np.float64]:
+        """Acceleration of gravity along x, y and z (3,) [mm/s²]."""
+        x, *y, z = self.gravity_m_s2
+        return 1e3 * np.array([x, y[0] if y else 0.0, z], dtype=np.float64)
+
+    @property
     def body_force_n_mm3(self) -> NDArray[np.float64]:
-        """Weight per undeformed volume along x and z (2,) [N/mm³]."""
-        return self.density_kg_m3 * 1e-12 * 1e3 * np.asarray(self.gravity_m_s2)
+        """Weight per undeformed volume along x, y and z (3,) [N/mm³]."""
+        return self.density_kg_m3 * 1e-12 * self.gravity_mm_s2
+
+    @property
+    def planar(self) -> bool:
+        """Whether the load keeps the symmetry about y = 0, so that half a finger tells of the whole."""
+        return bool(self.gravity_mm_s2[1] == 0)
 
     def files(self) -> Sequence[Path]:
         """Files that determine the finger together with its fields; results are kept under what is in them."""
@@ -64,7 +76,7 @@ class Finger(ABC):
 
     @abstractmethod
     def mesh(self, edge_mm: float) -> "Mesh":
-        """Mesh of the half finger y ≥ 0 [mm], element edges at most `edge_mm` [mm].
+        """Mesh of the half finger y ≥ 0, or of the whole one unless `planar` [mm]; edges at most `edge_mm` [mm].
 
         Its named boundaries are `clamp` (held fixed), `symmetry` (y = 0) and `cavity` (under pressure); one without
         `symmetry` is that of the whole finger.
@@ -72,7 +84,7 @@ class Finger(ABC):
 
     @abstractmethod
     def face(self, points: int) -> Face:
-        """The observed side face, with `points` points."""
+        """The observed side face, that of the largest y, with `points` points."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +124,7 @@ class ExtrudedFinger(Finger):
     def mesh(self, edge_mm: float) -> "MeshHex":
         from pgdl_lab.mechanics.extrude import extrude
 
-        return extrude(self.profile(), self.width_mm / 2, self.side_wall_mm, edge_mm)
+        return extrude(self.profile(), self.width_mm / 2, self.side_wall_mm, edge_mm, whole=not self.planar)
 
     def face(self, points: int) -> Face:
         return observe(self.profile(), points, self.width_mm / 2)

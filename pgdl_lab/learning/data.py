@@ -108,7 +108,7 @@ class Scene:
     @classmethod
     def of(cls, finger: Finger, snapshots: Snapshots) -> Scene:
         """The scene of `finger`, with the face that `snapshots` observe."""
-        force_x, force_z = finger.body_force_n_mm3.tolist()
+        force_x, _, force_z = finger.body_force_n_mm3.tolist()
         return cls(
             points_mm=snapshots.points,
             triangles=snapshots.triangles,

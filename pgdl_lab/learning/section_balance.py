@@ -66,7 +66,7 @@ class SectionBalance:
         self.air = torch.from_numpy(np.where(hollow, finger.width_mm - walls_mm, 0.0)[:, None] * basis.dx)
         volumes = np.zeros(len(self.points_mm))
         np.add.at(volumes, basis.element_dofs.T, (values * solid[:, None]).sum(axis=2))
-        self.weight = torch.from_numpy(volumes[:, None] * finger.body_force_n_mm3)  # (N, 2) [N]
+        self.weight = torch.from_numpy(volumes[:, None] * finger.body_force_n_mm3[::2])  # (N, 2) [N]
         self.free = torch.from_numpy(np.flatnonzero(~np.isclose(self.points_mm[:, 0], grid.x[0])))
         self._cast: dict[tuple[torch.dtype, torch.device], dict[str, Tensor]] = {}
 

@@ -75,9 +75,8 @@ def deck(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float) -
         *(_row(kpa) + "," for kpa in pressures_kpa),
     ]
     if weighs(finger):
-        gravity = 1e3 * np.array([finger.gravity_m_s2[0], 0.0, finger.gravity_m_s2[1]])
-        size = float(np.linalg.norm(gravity))
-        weight = _row("BODY", "GRAV", size, *gravity / size)
+        size = float(np.linalg.norm(finger.gravity_mm_s2))
+        weight = _row("BODY", "GRAV", size, *finger.gravity_mm_s2 / size)
         lines += _step(1.0, FIRST_WEIGHT, tolerance, [weight], f"FREQUENCY={NO_LIMIT}")
     first = min(float(pressures_kpa[0]), FIRST_PRESSURE * highest)
     walls = [_row(element, f"P{face}", 1e3 * highest) for element, face in walls_under_pressure(model, cells)]

@@ -61,8 +61,7 @@ class FingerRod(ReducedModel):
         volume = along(area, nodes)
         mass = 1e-12 * finger.density_kg_m3 * volume
         lever = along(moment, nodes) / volume - self.axis_mm
-        gravity = 1e3 * np.asarray(finger.gravity_m_s2)
-        self.equilibrium = self.rod = Rod(nodes, Sections(stiffness, air, mass, lever), gravity)
+        self.equilibrium = self.rod = Rod(nodes, Sections(stiffness, air, mass, lever), finger.gravity_mm_s2[::2])
         self.solver = symmetric_solver()
 
     def observer(self, face: Face) -> Callable[[Array, float], Array]:

@@ -149,18 +149,28 @@ class Model:
         self.solver = symmetric_solver()
 
     def equilibrium_on(self, mesh: "Mesh", contact: Callable[[Discretisation], Contact]) -> Equilibrium:
-        """What balances in the finger on `mesh` [mm], with the contact made for it."""
-        weight = self.finger.body_force_n_mm3
+        """What balances in the finger on `mesh` [mm], with the contact made for it.
+
+        Raises
+        ------
+        InputError
+            When `mesh` is that of half a finger and gravity breaks its symmetry.
+        """
         discretisation = discretise(mesh, ELEMENTS[self.element])
         basis = discretisation.basis
         free = np.ones(discretisation.positions.shape, dtype=bool)
         free[basis.get_dofs("clamp").all()] = False
         if "symmetry" in mesh.boundaries:
+            if not self.finger.planar:
+                raise InputError(
+                    f"finger.gravity_m_s2 is {list(self.finger.gravity_m_s2)}, and half a finger cannot be pulled "
+                    "along y: mesh the whole finger, without a group of symmetry, or leave out the part along y."
+                )
             free[basis.get_dofs("symmetry").all(), 1] = False
         return Equilibrium(
             Solid(discretisation, self.finger.material),
             Cavity(basis),
-            np.array([weight[0], 0.0, weight[1]]),
+            self.finger.body_force_n_mm3,
             free,
             contact(discretisation),
         )

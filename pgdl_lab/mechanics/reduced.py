@@ -42,6 +42,11 @@ def require_profile(finger: Finger, fem: Fem) -> ExtrudedFinger:
             f"fem={describe(fem)['name']} is made from the x–z profile of a finger, and "
             f"finger={describe(finger)['name']} has none: choose fem=solid."
         )
+    if not finger.planar:
+        raise InputError(
+            f"fem={describe(fem)['name']} moves in the x–z plane alone, and finger.gravity_m_s2 is "
+            f"{list(finger.gravity_m_s2)}: choose fem=solid, or leave out the part along y."
+        )
     return finger
 
 
@@ -65,7 +70,7 @@ def simulate(
     Raises
     ------
     InputError
-        When the finger has no profile.
+        When the finger has no profile, or gravity pulls it along y.
     SimulationStopped
         When the model finds no equilibrium at the highest pressure.
     """

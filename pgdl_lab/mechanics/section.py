@@ -108,12 +108,10 @@ class PlaneFinger(ReducedModel):
         free = np.ones(whole.positions.shape, dtype=bool)
         free[:, 1] = False
         free[np.isclose(whole.positions[:, 0], grid.x[0])] = False
-        gx, gz = finger.body_force_n_mm3
+        weight = finger.body_force_n_mm3
         self.mesh, self.nodes = mesh, self.lattice.nearest(*whole.positions[:, [0, 2]].T)
-        self.equilibrium = Equilibrium(
-            Solid(stiff, state.law(finger.material)), Air(air), np.array([gx, 0.0, gz]), free, NoContact()
-        )
-        self.equilibrium.weight = nodal_volumes(whole)[:, None] * [gx, 0.0, gz]  # the whole weight of the side walls
+        self.equilibrium = Equilibrium(Solid(stiff, state.law(finger.material)), Air(air), weight, free, NoContact())
+        self.equilibrium.weight = nodal_volumes(whole)[:, None] * weight  # the whole weight of the side walls
         self.solver = symmetric_solver()
 
     def observer(self, face: Face) -> Callable[[Array, float], Array]:

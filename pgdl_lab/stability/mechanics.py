@@ -65,8 +65,12 @@ def stresses(finger: Finger, quick: bool) -> Iterator[Stress]:
         yield Stress("Poisson's ratio", f"{poisson}", stiff, {})
     for wall in levels(3.0, 2.0, 1.5, 1.0, 0.6):
         yield Stress("wall thickness", f"{wall:g} mm", _changed(finger, wall_mm=wall, max_kpa=1.5 * MAX_KPA), {})
-    for gravity in levels([0.0, -9.81], [0.0, 9.81], [9.81, 0.0], [-9.81, 0.0], [0.0, 0.0], [0.0, -98.1]):
-        yield Stress("gravity", f"{gravity[0]:g}, {gravity[1]:g} m/s²", replace(finger, gravity_m_s2=gravity), {})
+    for gravity in levels(
+        [0.0, -9.81], [0.0, 9.81], [9.81, 0.0], [-9.81, 0.0], [0.0, 9.81, 0.0], [0.0, 0.0], [0.0, -98.1]
+    ):
+        yield Stress(
+            "gravity", f"{', '.join(f'{part:g}' for part in gravity)} m/s²", replace(finger, gravity_m_s2=gravity), {}
+        )
     for factor in levels(1.0, 1.5, 2.0, 3.0, 5.0):
         yield Stress("pressure", f"{factor * MAX_KPA:g} kPa", replace(finger, max_kpa=factor * MAX_KPA), {})
     for edge in levels(4.0, 6.0, 8.0, 12.0):

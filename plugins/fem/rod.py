@@ -11,8 +11,8 @@ from pgdl_lab.registry import register
 from pgdl_lab.snapshots import Observation, Snapshots
 
 CAUTION = (
-    "fem=rod leaves out that walls stiffen and chambers swell, and does not know its own error: 9 to 16 % at the tip "
-    "of the fingers here, more under loads beyond theirs."
+    "fem=rod leaves out that walls stiffen and chambers swell, and does not know its own error: 1 to 13 % at the tip "
+    "of the fingers here (benchmarks/rungs.py), more under loads beyond theirs."
 )
 
 

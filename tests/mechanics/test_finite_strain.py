@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.linear import SuperLU
@@ -64,6 +65,47 @@ def test_support_bears_weight_and_pressure(model: Model) -> None:
     reaction, outer = model.reaction_and_load_n(history.branch.displacements[-1], 20.0)
     np.testing.assert_allclose(reaction[[0, 2]], -outer[[0, 2]], atol=1e-9)
     assert outer[2] == pytest.approx(-1130e-12 * 9810 * model.discretisation.weights.sum(), rel=1e-6)
+
+
+def test_gravity_across_bends_the_whole_finger() -> None:
+    """Pulled to one side or the other, the finger is its own mirror image, and the support bears the weight."""
+    bent = {}
+    for sign in (1, -1):
+        model = Model(pneunet(gravity_m_s2=[0.0, sign * 9.81, 0.0]), 6.0, "hex27_p1")
+        assert "symmetry" not in model.mesh.boundaries
+        history = model.load(np.array([20.0]), 1e-8, 1e-3)
+        bent[sign] = history.at(20.0)
+        reaction, outer = model.reaction_and_load_n(bent[sign], 20.0)
+        np.testing.assert_allclose(reaction, -outer, atol=1e-9)
+        assert outer[1] == pytest.approx(sign * 1130e-12 * 9810 * model.discretisation.weights.sum(), rel=1e-6)
+    places = np.round(model.discretisation.positions, 6)
+    there = np.lexsort(places.T), np.lexsort((places * [1, -1, 1]).T)
+    np.testing.assert_allclose(places[there[0]], (places * [1, -1, 1])[there[1]], atol=1e-9)
+    np.testing.assert_allclose(bent[1][there[0]], (bent[-1] * [1, -1, 1])[there[1]], atol=1e-6)
+    end = np.isclose(model.discretisation.positions[:, 0], 22)
+    assert bent[1][end, 1].mean() > 0.05  # the end goes along with the weight [mm]
+
+
+def test_half_and_whole_finger_agree() -> None:
+    """A pull along y that is next to nothing leaves the whole finger where the half finger is."""
+    half, whole = (
+        Model(pneunet(gravity_m_s2=gravity), 6.0, "hex27_p1") for gravity in ([0.0, -9.81], [0.0, 1e-9, -9.81])
+    )
+    ours, theirs = (model.load(np.array([20.0]), 1e-8, 1e-3).at(20.0) for model in (half, whole))
+    front = np.flatnonzero(whole.discretisation.positions[:, 1] > -1e-9)
+    assert len(front) == len(ours) < len(theirs)
+    here, there = (
+        np.lexsort(np.round(p, 6).T) for p in (half.discretisation.positions, whole.discretisation.positions[front])
+    )
+    np.testing.assert_allclose(ours[here], theirs[front][there], atol=1e-6)
+
+
+def test_half_a_finger_cannot_be_pulled_across() -> None:
+    finger = pneunet(gravity_m_s2=[0.0, 9.81, 0.0])
+    model = Model(pneunet(), 6.0, "hex20")
+    model.finger = finger
+    with pytest.raises(InputError, match="mesh the whole finger"):
+        model.equilibrium_on(model.mesh, lambda _: NoContact())
 
 
 def test_weight_that_cannot_be_borne_is_named() -> None:

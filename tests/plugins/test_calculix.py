@@ -57,7 +57,7 @@ class TestDeck:
         assert {float(row[2]) for row in cards["*DLOAD"][1:]} == {20e3}  # Pa
 
     def test_states_the_material_and_the_weight(self) -> None:
-        finger = pneunet(gravity_m_s2=[3.0, -4.0])
+        finger = pneunet(gravity_m_s2=[3.0, 0.0, -4.0])
         _, cards = sections(finger)
         law = finger.material
         wanted = [1e6 * law.c1_mpa, 1e6 * law.c2_mpa, 0, 2e-6 / law.bulk_modulus_mpa]

@@ -21,6 +21,7 @@ from tests.fingers import pneunet
         ({"max_kpa": 0.0}, "finger.max_kpa is 0.0 kPa"),
         ({"density_kg_m3": -1.0}, "finger.density_kg_m3 is -1.0"),
         ({"gravity_m_s2": [9.81]}, "give its x and z components"),
+        ({"gravity_m_s2": [0.0, float("nan"), 0.0]}, "give its x and z components"),
     ],
 )
 def test_impossible_fingers_are_refused(fields: dict[str, Any], sentence: str) -> None:

@@ -121,3 +121,9 @@ def test_what_converged_before_a_failure_is_kept(monkeypatch: pytest.MonkeyPatch
     kept = stop.value.snapshots
     np.testing.assert_allclose(kept.pressures_kpa, [2, 4, 6, 8, 10])
     assert kept.displacements.shape == (5, 800, 2)
+
+
+@pytest.mark.parametrize("name", ["rod", "section"])
+def test_plane_models_refuse_a_pull_along_y(name: str) -> None:
+    with pytest.raises(InputError, match=f"fem={name} moves in the x–z plane alone"):
+        rung(name).simulate(pneunet(gravity_m_s2=[0.0, 9.81, 0.0]), OBSERVATION)

@@ -1,0 +1,69 @@
+"""The load path of the reference finger: gravity and 100 sub-steps of pressure, beside 100 equilibria solved for.
+
+    python benchmarks/load_path.py [--element hex20 hex27_p1] [--edge-mm 3]
+
+The finger is `pneunet_reference` to 50 kPa. The time is that from the meshed finger to all sub-steps, on however many
+cores there are. Then every sub-step is solved for by itself, from the interpolated displacement and to a tolerance a
+hundred times smaller, and the largest distance of any node is taken.
+"""
+
+import argparse
+import os
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import registry
+from pgdl_lab.composing import experiment
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.newton import solve
+from pgdl_lab.snapshots import Observation
+
+SUB_STEPS = 100
+EXACT = 1e-2  # of the tolerance of the path
+
+
+def row(element: str, edge_mm: float) -> list[str]:
+    """One line of the table."""
+    solid, finger = registry.plugin("fem", "solid")(), experiment(["finger=pneunet_reference"]).finger
+    pressures = Observation(snapshots=SUB_STEPS).pressures_kpa(finger.max_kpa)
+    model = Model(finger, edge_mm, element)
+    began = time.perf_counter()
+    history = model.load(pressures, solid.newton_mm, solid.interpolation_mm)
+    snapshots = [history.at(kpa) for kpa in pressures]
+    path_s = time.perf_counter() - began
+    began, worst, iterations = time.perf_counter(), 0.0, 0
+    for kpa, known in zip(pressures, snapshots, strict=True):
+        exact = solve(model.equilibrium, model.solver, known, Load(1.0, 1e-3 * kpa), EXACT * solid.newton_mm)
+        worst = max(worst, float(np.linalg.norm(exact.displacement - known, axis=1).max()))
+        iterations += exact.iterations
+    checked_s = time.perf_counter() - began
+    return [
+        element, f"{int(model.equilibrium.free.sum()):,}", str(len(history.branch.parameters)),
+        str(history.iterations), f"{path_s:.1f}", f"{history.interpolation_mm:.1e}", f"{worst:.1e}",
+        f"{checked_s:.1f} ({iterations})",
+    ]  # fmt: skip
+
+
+def main() -> None:
+    """Print the table."""
+    registry.discover()
+    parser = argparse.ArgumentParser(description="Dense output of the load path against equilibria solved for.")
+    parser.add_argument("--element", nargs="+", default=["hex20", "hex27_p1"])
+    parser.add_argument("--edge-mm", type=float, default=3.0)
+    given = parser.parse_args()
+    table = Table(title=f"Gravity and {SUB_STEPS} sub-steps to 50 kPa, edges of {given.edge_mm:g} mm")
+    for heading in ("element", "degrees of freedom", "equilibria", "Newton iterations", "time (s)",
+                    "estimated error (mm)", "largest error (mm)", "100 solves (s) (iterations)"):  # fmt: skip
+        table.add_column(heading, justify="left" if heading == "element" else "right")
+    for element in given.element:
+        table.add_row(*row(element, given.edge_mm))
+    Console(width=140).print(table)
+    print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+if __name__ == "__main__":
+    main()
