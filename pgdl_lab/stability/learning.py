@@ -6,7 +6,7 @@ root mean square of the displacement there.
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from pgdl_lab.composing import experiment
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.doubt import trained
+from pgdl_lab.learning.neural import TrainedModel
 from pgdl_lab.registry import field_names, names, plugin
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.stability.outcome import GOOD, Result
@@ -47,7 +48,7 @@ class Stress:
     losses
         Names and weights of the loss terms.
     optimizer, model
-        Fields of the optimiser and of models that have them.
+        Fields of the optimiser and of the model.
     """
 
     axis: str
@@ -91,9 +92,10 @@ def stresses(quick: bool) -> Iterator[Stress]:
         yield Stress("points missing", f"{width:.0%} of the length", hidden=(0.5 - width / 2, 0.5 + width / 2))
 
 
-def models() -> list[str]:
-    """Names of the models that are tried."""
-    return names("model")
+def models(stress: Stress) -> list[str]:
+    """Names of the models that the stress reaches; the others would only repeat a trial."""
+    found = [name for name in names("model") if stress.model.keys() <= set(field_names("model", name))]
+    return [name for name in found if not stress.optimizer or issubclass(plugin("model", name), TrainedModel)]
 
 
 def attempt(stress: Stress, name: str, data: Snapshots, finger: Any, seed: int, seconds: float) -> Result:
@@ -104,20 +106,18 @@ def attempt(stress: Stress, name: str, data: Snapshots, finger: Any, seed: int, 
     size = float(np.sqrt((samples.displacements_mm**2).mean()))
     noise = stress.noise * size * np.random.default_rng(seed).standard_normal(samples.displacements_mm.shape)
     samples = replace(samples, displacements_mm=samples.displacements_mm + noise)
-    given = {key: value for key, value in stress.model.items() if key in field_names("model", name)}
-    known = {each.name for each in fields(how.optimizer)}
     with tempfile.TemporaryDirectory() as folder:
         training = Training(
             samples,
             Scene.of(finger, data),
             {loss: plugin("loss", loss)(weight=weight) for loss, weight in stress.losses.items()},
             _budget(how, seconds),
-            replace(how.optimizer, **{key: value for key, value in stress.optimizer.items() if key in known}),
+            replace(how.optimizer, **stress.optimizer),
             seed,
             Path(folder),
             {},
         )
-        surrogate = trained(plugin("model", name)(**given), training)
+        surrogate = trained(plugin("model", name)(**stress.model), training)
     place = int(np.abs(data.pressures_kpa - stress.tested * data.pressures_kpa[-1]).argmin())
     kpa, truth = float(data.pressures_kpa[place]), data.displacements[place]
     errors = surrogate.predict(data.points, kpa) - truth

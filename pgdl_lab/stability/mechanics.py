@@ -15,8 +15,8 @@ import numpy as np
 from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
-from pgdl_lab.mechanics import finite_strain, path
-from pgdl_lab.registry import names, plugin
+from pgdl_lab.mechanics import calculix_deck, finite_strain, path
+from pgdl_lab.registry import field_names, names, plugin
 from pgdl_lab.snapshots import Observation, Snapshots
 from pgdl_lab.stability.outcome import Result
 
@@ -42,6 +42,8 @@ class Stress:
         What is done to the load path meanwhile.
     even
         The finger that tells the truth, where that is not `finger`.
+    needs
+        The field of models that the stress reaches; the others would only repeat a trial.
     """
 
     axis: str
@@ -50,6 +52,7 @@ class Stress:
     fields: dict[str, Any]
     meddle: Callable[[], AbstractContextManager[None]] = nullcontext
     even: Finger | None = None
+    needs: str = ""
 
 
 def stresses(finger: Finger, quick: bool) -> Iterator[Stress]:
@@ -79,21 +82,22 @@ def stresses(finger: Finger, quick: bool) -> Iterator[Stress]:
         # on the mesh of the reference: on the coarser one no node is free to move
         yield Stress("distorted mesh", f"{share:.0%}", distorted(finger, share), {"edge_mm": EDGE_MM / 2}, even=finger)
     touching = _changed(finger, wall_mm=1.5, gap_mm=0.3, max_kpa=1.25 * MAX_KPA)
-    for mode in levels("auto", "on", "off"):
-        yield Stress("contact sets in", mode, touching, {"contact": mode})
+    for mode in levels("on", "as it is set", "off"):
+        given = {} if mode == "as it is set" else {"contact": mode}
+        yield Stress("contact sets in", mode, touching, given, needs=next(iter(given), ""))
     for size in levels(0.0, 0.03, 0.3, 1.0):
-        yield Stress("poor predictor", f"{size:g} mm off", finger, {}, partial(_shaken, size))
+        yield Stress("poor predictor", f"{size:g} mm off", finger, {}, partial(_shaken, size), needs="newton_mm")
 
 
-def models() -> list[str]:
+def models(stress: Stress) -> list[str]:
     """Names of the models that are tried."""
-    return names("fem")
+    return [name for name in names("fem") if not stress.needs or stress.needs in field_names("fem", name)]
 
 
 def attempt(stress: Stress, name: str) -> Result:
     """Simulate; raises LabError where the model stops."""
     model: Any = plugin("fem", name)
-    known = {field.name for field in fields(model)}
+    known = field_names("fem", name)
     asked = {"edge_mm": EDGE_MM, "timeout_s": 30.0, **stress.fields}
     fem: Fem = model(**{key: value for key, value in asked.items() if key in known})
     with stress.meddle():
@@ -169,8 +173,9 @@ def _set(module: Any, name: str, value: Any) -> Iterator[None]:
 
 @contextmanager
 def _steps(count: int) -> Iterator[None]:
-    """Begin with pressure steps of 1/count of the path, and take none larger."""
+    """Begin with pressure steps of 1/count of the path, and take none larger; CalculiX sizes the later ones itself."""
     with ExitStack() as stack:
+        stack.enter_context(_set(calculix_deck, "FIRST_PRESSURE", 1 / count))
         stack.enter_context(_set(finite_strain, "FIRST_PRESSURE", 1 / count))
         stack.enter_context(_set(path, "LARGEST_STEP", 1 / count))
         yield

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.messages import sentence
 from pgdl_lab.surrogate import Outside
 
@@ -19,8 +19,8 @@ GOOD = 0.05
 """Largest error of a success: of the largest displacement (finite elements), of its root mean square (learning)."""
 STALLED = 0.5
 """A learnt model that errs more than this has learnt next to nothing."""
-MODES = ("ok", "wrong", "stalled", "stopped", "not a number", "crashed")
-"""`stopped` ended with a sentence, `crashed` with an error that nobody expected."""
+MODES = ("ok", "wrong", "stalled", "refused", "stopped", "not a number", "crashed")
+"""With a sentence `refused` ended before it began and `stopped` on the way; `crashed` is an error nobody expected."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def tried(part: str, axis: str, level: str, method: str, attempt: Callable[[], R
         told = result.told or "; ".join([*heard.messages, *(str(warning.message) for warning in caught)])
         mode, error = _mode(part, result.error), result.error if math.isfinite(result.error) else None
     except LabError as problem:
-        mode, error, told = "stopped", None, sentence(problem)
+        mode, error, told = "refused" if isinstance(problem, InputError) else "stopped", None, sentence(problem)
     except Exception as problem:  # the very thing that is looked for
         mode, error, told = "crashed", None, f"{type(problem).__name__}: {problem}"
     finally:

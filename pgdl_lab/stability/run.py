@@ -4,9 +4,10 @@ import hashlib
 import inspect
 import json
 import logging
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,16 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.registry import describe, plugin
 from pgdl_lab.snapshots import Observation, Snapshots
 from pgdl_lab.stability import learning, mechanics
-from pgdl_lab.stability.outcome import Trial, tried
+from pgdl_lab.stability.outcome import Result, Trial, tried
 
 _log = logging.getLogger(__name__)
 
 DATA = Observation(snapshots=20, points=400)
 DATA_EDGE_MM = 6.0
-CODE = ("mechanics/*.py", "learning/*.py", "stability/[!pr]*.py")
-"""Files of the package that decide how a trial ends."""
+CODE = {"mechanics": ("mechanics/*.py",), "learning": ("learning/*.py",)}
+"""Files of the package that decide how a trial of each part ends, beside that of the stresses themselves."""
+COUNTED = "stability/outcome.py"
+KIND = {"mechanics": "fem", "learning": "model"}
 
 
 @dataclass(frozen=True)
@@ -62,33 +65,86 @@ class StabilitySettings:
             raise InputError(f"stability.train_s is {self.train_s} s; it must be above 0.")
 
 
-def all_trials(settings: StabilitySettings, quick: bool, folder: Path) -> Iterator[Trial]:
-    """Every method under every stress; simulations and trials are kept in `folder`."""
-    store = _Store(folder / "stability", quick)
+@dataclass(frozen=True)
+class Planned:
+    """A trial that can be made.
+
+    Attributes
+    ----------
+    part, axis, level, method
+        See `Trial`.
+    path
+        Where it is kept once it is made.
+    attempt
+        What is tried.
+    """
+
+    part: str
+    axis: str
+    level: str
+    method: str
+    path: Path
+    attempt: Callable[[], Result]
+
+    def trial(self) -> Trial:
+        """The trial from its file, or made now."""
+        if self.path.is_file():
+            return Trial(**json.loads(self.path.read_text(encoding="utf-8")))
+        trial = tried(self.part, self.axis, self.level, self.method, self.attempt)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(self.path) as temporary:
+            temporary.write_text(json.dumps(asdict(trial), indent=1), encoding="utf-8")
+        return trial
+
+
+def planned(settings: StabilitySettings, quick: bool, folder: Path) -> list[Planned]:
+    """Every method under every stress that reaches it; simulations and trials are kept in `folder`."""
     finger = _finger(settings.finger)
+    found: list[Planned] = []
     if "mechanics" in settings.parts:
         for stress in mechanics.stresses(finger, quick):
-            for name in mechanics.models():
+            for name in mechanics.models(stress):
                 what: list[Any] = [describe(stress.finger), type(stress.finger).__qualname__, stress.fields]
-                yield store.trial(
-                    "mechanics", stress.axis, stress.level, name, what, "fem",
-                    partial(mechanics.attempt, stress, name),
-                )  # fmt: skip
+                path = _path(folder, "mechanics", stress, name, what)
+                attempt = partial(mechanics.attempt, stress, name)
+                found.append(Planned("mechanics", stress.axis, stress.level, name, path, attempt))
     if "learning" in settings.parts:
-        data: dict[str, Snapshots] = {}
         scenes = {"smooth": finger, "touching": _finger({**settings.finger, **settings.touching})}
+
+        @cache
+        def data(scene: str) -> Snapshots:
+            return _simulated(scenes[scene], folder)
+
         for training in learning.stresses(quick):
-            for name in learning.models():
+            for name in learning.models(training):
                 for seed in range(settings.seeds):
                     what = [asdict(training), describe(scenes[training.data]), seed, settings.train_s]
+                    path = _path(folder, "learning", training, name, what)
 
-                    def attempt(training: Any = training, name: str = name, seed: int = seed) -> Any:
-                        if training.data not in data:
-                            data[training.data] = _simulated(scenes[training.data], folder)
-                        given = data[training.data], scenes[training.data]
-                        return learning.attempt(training, name, *given, seed, settings.train_s)
+                    def learn(training: learning.Stress = training, name: str = name, seed: int = seed) -> Result:
+                        scene = training.data
+                        return learning.attempt(training, name, data(scene), scenes[scene], seed, settings.train_s)
 
-                    yield store.trial("learning", training.axis, training.level, name, what, "model", attempt)
+                    found.append(Planned("learning", training.axis, training.level, name, path, learn))
+    return found
+
+
+def all_trials(settings: StabilitySettings, quick: bool, folder: Path) -> Iterator[Trial]:
+    """The trials in turn; says how far it has come and how long the others may take."""
+    plan = planned(settings, quick, folder)
+    missing, made, began = sum(not each.path.is_file() for each in plan), 0, time.perf_counter()
+    for each in plan:
+        is_new = not each.path.is_file()
+        trial = each.trial()
+        if is_new:
+            made += 1
+            left_min = (time.perf_counter() - began) / made * (missing - made) / 60
+            mode = "SILENTLY WRONG" if trial.silent else trial.mode
+            _log.info(
+                "%d of %d, about %.0f min left: %s, %s, %s: %s", made, missing, left_min, trial.axis, trial.level,
+                trial.method, mode,
+            )  # fmt: skip
+        yield trial
 
 
 def _finger(description: dict[str, Any]) -> Finger:
@@ -102,25 +158,11 @@ def _simulated(finger: Finger, folder: Path) -> Snapshots:
     return simulate(finger, solid, DATA, folder / "snapshots")[0]
 
 
-class _Store:
-    """Trials as files, one each, under a hash of the stress and of the code that is tried."""
-
-    def __init__(self, folder: Path, quick: bool) -> None:
-        self.folder, self.quick = folder, quick
-        package = Path(inspect.getfile(pgdl_lab)).parent
-        self._code = b"".join(path.read_bytes() for name in CODE for path in sorted(package.glob(name)))
-
-    def trial(
-        self, part: str, axis: str, level: str, method: str, what: Any, kind: str, attempt: Callable[[], Any]
-    ) -> Trial:
-        digest = hashlib.sha256(self._code + Path(inspect.getfile(plugin(kind, method))).read_bytes())
-        digest.update(json.dumps([part, axis, level, method, what], sort_keys=True, default=str).encode())
-        path = self.folder / f"{digest.hexdigest()[:20]}.json"
-        if path.is_file():
-            return Trial(**json.loads(path.read_text(encoding="utf-8")))
-        trial = tried(part, axis, level, method, attempt)
-        _log.info("%s, %s, %s: %s", axis, level, method, "SILENTLY WRONG" if trial.silent else trial.mode)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(asdict(trial), indent=1), encoding="utf-8")
-        return trial
+def _path(folder: Path, part: str, stress: Any, method: str, what: Any) -> Path:
+    """Where a trial is kept: under a hash of the stress and of the code that is tried."""
+    package = Path(inspect.getfile(pgdl_lab)).parent
+    code = [path for name in CODE[part] for path in sorted(package.glob(name))]
+    code += [package / f"stability/{part}.py", package / COUNTED, Path(inspect.getfile(plugin(KIND[part], method)))]
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in code))
+    digest.update(json.dumps([part, stress.axis, stress.level, method, what], sort_keys=True, default=str).encode())
+    return folder / "stability" / f"{digest.hexdigest()[:20]}.json"

@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 
 
 def run(job: Job) -> list[Trial]:
-    """Make every trial that was not made before, and write stability.md, stability.csv, trials.json and stability.png.
+    """Make every trial that was not made before, and write the map: a page, a figure, stability.csv and trials.json.
 
     Raises
     ------
@@ -33,9 +33,8 @@ def run(job: Job) -> list[Trial]:
     given: Any = OmegaConf.to_container(job.config.stability)
     if quick:
         given |= {"seeds": 1, "train_s": given["train_s"] / 5}
-    trials: list[Trial] = []
-    for trial in all_trials(StabilitySettings(**given), quick, paths.RUNS):
-        trials.append(trial)
+    settings = StabilitySettings(**given)
+    trials = list(all_trials(settings, quick, paths.RUNS))
     with replacing(job.folder / "trials.json") as temporary:
         temporary.write_text(json.dumps([asdict(trial) for trial in trials], indent=1), encoding="utf-8")
     rows = [cell.record() for cell in cells(trials).values()]
@@ -43,10 +42,23 @@ def run(job: Job) -> list[Trial]:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    write_page(trials, job.folder / "stability.md")
-    draw(trials, job.folder / "stability.png")
+    write_page(trials, _head(settings, quick, trials), job.folder / "stability.md")
+    draw(trials, job.folder / "figures" / "stability.png")
     silent = sum(trial.silent for trial in trials)
     good = sum(trial.mode == "ok" for trial in trials)
     _log.info("%d of %d trials succeeded; %d were silently wrong", good, len(trials), silent)
     _log.info("The failure map: %s", job.folder / "stability.md")
     return trials
+
+
+def _head(settings: StabilitySettings, quick: bool, trials: list[Trial]) -> list[str]:
+    """How the trials were made."""
+    spent = sum(trial.seconds for trial in trials)
+    return [
+        f"`python -m pgdl_lab task=stability{' quick=true' if quick else ''}`: {len(trials)} trials of a short "
+        f"finger (`stability.finger`); trainings of at most {settings.train_s:g} s with",
+        f"{settings.seeds} {'seeds' if settings.seeds > 1 else 'seed'}; all trials together took {spent / 60:.0f} min. "
+        "Finite elements are compared with the solid on half the edges,",
+        "relative to its largest displacement, and surrogates with the simulation that they learnt from, relative to",
+        "its root mean square.",
+    ]

@@ -3,6 +3,7 @@ import logging
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,7 @@ def test_outcomes_are_told_apart() -> None:
     ]
     assert trial(0.9, part="mechanics").mode == "wrong"
     assert raising(LabError("it stopped at 3 kPa")).told == "it stopped at 3 kPa"
+    assert raising(LabError("it stopped")).mode == "stopped" and raising(InputError("too thin")).mode == "refused"
     crashed = raising(ZeroDivisionError("oh"))
     assert (crashed.mode, crashed.told) == ("crashed", "ZeroDivisionError: oh")
     assert not trial(0.5 * GOOD).silent
@@ -77,11 +79,16 @@ def test_wilson_interval() -> None:
 
 def test_the_page_lists_silent_failures_first_and_counts_all(tmp_path: Path) -> None:
     trials = [trial(0.01), trial(0.2), trial(0.3, warn=True), raising(LabError("stopped"))]
-    write_page(trials, tmp_path / "page.md")
+    write_page(trials, ["made so"], tmp_path / "page.md")
     text = (tmp_path / "page.md").read_text()
     assert "## Silently wrong: 1 of 4 trials" in text
     assert text.index("**mlp**, noise, 5%: wrong, errs by 20.0%") < text.index("## Success rates")
     assert "| mlp | noise | 1 of 4 |" in text and "2 wrong, 1 stopped (1 without a word)" in text
+    assert (
+        text.index("made so") < text.index("## Silently wrong")
+        and "| mlp | 4 | 1 | 2 | 0 | 0 | 1 | 0 | 0 | 1 |" in text
+    )
+    assert "1 × mlp (first: noise, 5%; wrong): mind this" in text
     record = cells(trials)["mlp", "noise"].record()
     assert sum(record[mode] for mode in ("ok", "wrong", "stopped")) == record["trials"] == 4
     draw(trials, tmp_path / "map.png")
@@ -89,22 +96,49 @@ def test_the_page_lists_silent_failures_first_and_counts_all(tmp_path: Path) -> 
 
 
 def test_trials_are_made_once(tmp_path: Path) -> None:
-    store = run._Store(tmp_path, quick=True)
-    first = store.trial("learning", "noise", "5%", "mlp", [1], "model", lambda: Result(0.01))
-    again = store.trial("learning", "noise", "5%", "mlp", [1], "model", lambda: Result(0.9))
-    other = store.trial("learning", "noise", "5%", "mlp", [2], "model", lambda: Result(0.9))
+    def plan(level: str, error: float) -> run.Planned:
+        stress = SimpleNamespace(axis="noise", level=level)
+        path = run._path(tmp_path, "learning", stress, "mlp", [1])
+        return run.Planned("learning", "noise", level, "mlp", path, lambda: Result(error))
+
+    first, again, other = plan("5%", 0.01).trial(), plan("5%", 0.9).trial(), plan("1%", 0.9).trial()
     assert first == again != other
-    assert len(list(tmp_path.glob("*.json"))) == 2
-    assert Trial(**json.loads(next(iter(tmp_path.glob("*.json"))).read_text())) in (first, other)
+    assert len(list(tmp_path.rglob("*.json"))) == 2
+    assert Trial(**json.loads(next(iter(tmp_path.rglob("*.json"))).read_text())) in (first, other)
 
 
-def test_every_axis_has_a_level_for_every_method() -> None:
+def test_trials_count_the_code_of_their_own_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stress = SimpleNamespace(axis="noise", level="5%")
+
+    def paths_of(part: str, method: str) -> list[Path]:
+        found = [run._path(tmp_path, part, stress, method, [1])]
+        with monkeypatch.context() as patch:
+            patch.setitem(run.CODE, "learning", (*run.CODE["learning"], "tracking.py"))
+            return [*found, run._path(tmp_path, part, stress, method, [1])]
+
+    assert len(set(paths_of("mechanics", "solid"))) == 1
+    assert len(set(paths_of("learning", "mlp"))) == 2
+
+
+def test_every_axis_has_a_level_for_every_method_that_it_reaches() -> None:
     full, quick = list(mechanics.stresses(FINGER, False)), list(mechanics.stresses(FINGER, True))
     assert {stress.axis for stress in full} == {stress.axis for stress in quick}
     assert len(quick) == len({stress.axis for stress in quick}) < len(full)
     axes = {stress.axis for stress in learning.stresses(False)}
     assert axes == {stress.axis for stress in learning.stresses(True)} and len(axes) == 9
-    assert mechanics.models() == registry.names("fem") and learning.models() == registry.names("model")
+    for stress in quick:
+        assert set(mechanics.models(stress)) >= set(registry.names("fem")) - {"calculix"}
+    for training in learning.stresses(False):
+        left_out = set(registry.names("model")) - set(learning.models(training))
+        assert left_out == set() or training.optimizer or training.model
+    (rate, *_) = [each for each in learning.stresses(True) if each.axis == "learning rate"]
+    assert "mlp" in learning.models(rate) and "pod" not in learning.models(rate)
+
+
+def test_only_a_model_with_the_setting_is_tried_with_it() -> None:
+    contact = {each.level: each for each in mechanics.stresses(FINGER, False) if each.axis == "contact sets in"}
+    assert mechanics.models(contact["as it is set"]) == registry.names("fem")
+    assert "rod" not in mechanics.models(contact["on"]) and "solid" in mechanics.models(contact["on"])
 
 
 @pytest.fixture(autouse=True)
