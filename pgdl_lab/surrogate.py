@@ -99,7 +99,7 @@ class Surrogate(ABC):
         self.model = dict(model)
         self.record = record
         self.outside = "warn"
-        self._warned: set[str] = set()
+        self._warned: dict[str, object] = {}
         self._last: tuple[Floats, Probe] | None = None  # control loops ask for the same points again and again
 
     @abstractmethod
@@ -306,8 +306,8 @@ class Surrogate(ABC):
     def _complain(self, what: str, message: str) -> None:
         if self.outside == "raise":
             raise InputError(message)
-        if what not in self._warned:
-            self._warned.add(what)
+        own = object()
+        if self._warned.setdefault(what, own) is own:  # true of one thread alone
             warnings.warn(message, Outside, stacklevel=4)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from mlflow import MlflowClient
 from PIL import Image
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
@@ -15,6 +16,7 @@ from selenium.webdriver.common.by import By
 from pgdl_lab.deploy.viewer import page, polynomial
 from pgdl_lab.registry import plugin
 from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.tracking import RUN_ID
 from tests.conftest import Lab
 from tests.deploy.browser import browser
 from tests.test_surrogate import trained
@@ -127,16 +129,29 @@ def test_plays_and_pauses(window: Chrome) -> None:
     assert shown_kpa(window) == stopped
 
 
-def test_fits_a_phone(window: Chrome) -> None:
-    screen = {"width": 360, "height": 640, "deviceScaleFactor": 2, "mobile": True}
+@pytest.mark.parametrize(("width", "height"), [(360, 640), (640, 360), (820, 1180)])
+def test_fits_a_phone(window: Chrome, width: int, height: int) -> None:
+    screen = {"width": width, "height": height, "deviceScaleFactor": 2, "mobile": True}
     window.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
     settled(window)
-    assert window.execute_script("return document.documentElement.scrollWidth") <= 360
-    boxes = window.execute_script(
-        "return [...document.querySelectorAll('button, #slider')].map((e) => e.getBoundingClientRect().toJSON())"
+    assert window.execute_script("return document.documentElement.scrollWidth") <= width
+    buttons, (stage, numbers, legend) = (
+        window.execute_script(
+            "return [...document.querySelectorAll(arguments[0])].map((e) => e.getBoundingClientRect().toJSON())", which
+        )
+        for which in ("button, #slider", "#stage, #numbers, #legend")
     )
-    assert all(box["left"] >= 0 and box["right"] <= 360 and box["bottom"] <= 640 for box in boxes)
-    assert all(box["height"] >= 30 for box in boxes)
+    assert all(box["left"] >= 0 and box["right"] <= width and box["bottom"] <= height for box in buttons)
+    assert all(box["height"] >= 30 for box in buttons)
+    # the finger is large enough to be seen, and neither off the screen nor behind the numbers or the colours
+    scale, x, z = window.execute_script("return [view.scale, view.x, view.z]")
+    (x0, z0), (x1, z1) = window.execute_script("return data.boundsMm")
+    left, right = stage["left"] + x + scale * x0, stage["left"] + x + scale * x1
+    top, bottom = stage["top"] + z - scale * z1, stage["top"] + z - scale * z0
+    assert right - left > 0.3 * width
+    assert left > 0 and right < width and bottom < stage["bottom"]
+    for box in (numbers, legend):
+        assert left > box["right"] or right < box["left"] or top > box["bottom"]
     window.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     settled(window)
 
@@ -148,9 +163,11 @@ def test_a_network_is_shown_as_the_polynomial_nearest_to_it(tmp_path: Path) -> N
     assert error_mm < 1e-2
 
 
-def test_task_writes_the_page(lab: Lab, small_run: Path) -> None:
+def test_task_writes_the_page(lab: Lab, small_run: Path, tmp_path: Path) -> None:
     done = lab("task=view")
     assert done.returncode == 0, done.stderr
     text = (small_run / "viewer.html").read_text(encoding="utf-8")
     assert "{{" not in text and "Finger “pneunet”" in text
     assert not re.search(r"(src|href|url)\s*[=(]\s*[\"']?(https?:)?//", text)
+    client, run_id = MlflowClient(f"sqlite:///{tmp_path / 'mlflow.db'}"), (small_run / RUN_ID).read_text()
+    assert Path(client.download_artifacts(run_id, "viewer.html")).read_text(encoding="utf-8") == text
