@@ -109,6 +109,7 @@ class Bench:
         if path.is_file():
             return Point.restored(json.loads(path.read_text(encoding="utf-8"))), True
         began = time.perf_counter()
+        _log.info("%s: measuring ...", label)
         try:
             point = measure()
         except LabError as error:

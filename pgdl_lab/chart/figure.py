@@ -1,18 +1,17 @@
 """The chart as a figure: error over time, log-log, the Pareto front marked and every point labelled."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pgdl_lab.chart.labels import place
 from pgdl_lab.chart.point import Point, pareto
 from pgdl_lab.chart.reference import Errors
 from pgdl_lab.files import replacing
 
-CROWDED = (1.2, 0.25)  # decades along and across: labels of points so near to each other are stacked
-COLOURS = {"finite elements": "C0", "surrogate": "C1", "table": "C2"}
+LOOKS = {"finite elements": ("C0", "s"), "surrogate": ("C1", "o"), "table": ("C2", "D")}
+OTHER = ("C3", "^")
 
 
 def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int, path: Path) -> None:
@@ -37,49 +36,69 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
         ("time to train (s)", lambda point: point.train_s, [point for point in points if point.train_s > 0]),
         (f"simulate + train + {queries:,} queries (s)", lambda point: point.end_to_end_s(queries), list(points)),
     ]
-    figure, axes = plt.subplots(1, 3, figsize=(16, 6), layout="constrained", sharey=True)
+    figure, axes = plt.subplots(1, 3, figsize=(16, 7), layout="constrained", sharey=True)
     for axis, (label, seconds, shown) in zip(axes, panels, strict=True):
-        _panel(axis, shown, seconds)
-        axis.axhspan(0, uncertainty.rms_mm, color="0.85", zorder=0)
         axis.set(xscale="log", yscale="log", xlabel=label)
+        _panel(axis, shown, seconds)
+        axis.axhspan(0, uncertainty.rms_mm, color="0.88", zorder=0)
         axis.grid(alpha=0.3)
-        axis.margins(0.18, 0.1)
+        axis.margins(0.12, 0.08)
     # a table of the data themselves would stretch the axis down to nothing
     least = [point.surrogate.rms_mm for point in points if point.surrogate and point.kind == "surrogate"]
     axes[0].set_ylim(min([uncertainty.rms_mm, *least]) / 3, None)
     axes[0].set_ylabel("RMS error of the displacement (mm)")
-    for kind, colour in COLOURS.items():
-        axes[0].plot([], [], "o", color=colour, label=kind)
+    for kind, (colour, marker) in LOOKS.items():
+        axes[0].plot([], [], marker, color=colour, label=kind)
     axes[0].plot([], [], "o", color="0.4", mfc="white", label="the surrogate's own part")
     axes[0].plot([], [], color="0.3", lw=1, drawstyle="steps-post", label="Pareto front")
     axes[0].fill_between([], [], color="0.85", label="uncertainty of the reference")
-    figure.legend(loc="outside lower center", ncols=6, frameon=False)
+    axes[0].plot([], [], " ", label="bold: on the front")
+    figure.legend(loc="outside lower center", ncols=7, frameon=False, title=_missing(points))
     figure.suptitle(title)
+    figure.canvas.draw()  # the layout has to stand before there is room to look for
+    figure.set_layout_engine("none")
+    for axis, (_, seconds, shown) in zip(axes, panels, strict=True):
+        _label(axis, [point for point in shown if point.total], seconds)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=140)
     plt.close(figure)
 
 
+def _missing(points: Sequence[Point]) -> str:
+    """What is not shown, and why; failures are counted too."""
+    failed = [f"{point.label}: {point.failed.partition(':')[0].partition(' (')[0]}" for point in points if point.failed]
+    return "Not shown: " + "; ".join(failed) if failed else ""
+
+
 def _panel(panel: Any, points: list[Point], seconds: Callable[[Point], float]) -> None:
-    shown = sorted((point for point in points if point.total), key=seconds)
-    front = pareto(shown, seconds)
+    front = pareto(points, seconds)
     heights = [(seconds(point), point.total.rms_mm) for point in front if point.total]
     if heights:
         panel.step(*zip(*heights, strict=True), where="post", color="0.3", lw=1, zorder=1)
-    labelled: list[NDArray[np.float64]] = []
-    for point in shown:
-        assert point.total is not None
-        colour, x = COLOURS.get(point.kind, "C3"), seconds(point)
-        place = np.log10([x, point.total.rms_mm])
-        crowd = sum((np.abs(place - other) < CROWDED).all() for other in labelled)
-        labelled.append(place)
+    for point in points:
+        if point.total is None:
+            continue
+        (colour, marker), x = LOOKS.get(point.kind, OTHER), seconds(point)
         if point.surrogate:
             panel.plot([x, x], [point.total.rms_mm, point.surrogate.rms_mm], color=colour, lw=0.6, alpha=0.6)
-            panel.plot(x, point.surrogate.rms_mm, "o", color=colour, mfc="white", ms=4)
+            panel.plot(x, point.surrogate.rms_mm, marker, color=colour, mfc="white", ms=4)
         best = point in front
-        panel.plot(x, point.total.rms_mm, "o", color=colour, ms=8 if best else 5, mec="black" if best else "none")
-        panel.annotate(
-            point.label, (x, point.total.rms_mm), xytext=(4, 6 + 9 * crowd), textcoords="offset points",
-            fontsize=7, weight="bold" if best else "normal",
+        panel.plot(
+            x, point.total.rms_mm, marker, color=colour, ms=8 if best else 6, mec="black" if best else "white",
+            mew=1.2 if best else 0.6, alpha=0.85,
         )  # fmt: skip
+
+
+def _label(panel: Any, points: list[Point], seconds: Callable[[Point], float]) -> None:
+    front = pareto(points, seconds)
+    places = [(seconds(point), point.total.rms_mm) for point in points if point.total]
+    corners = [at for at, point in sorted(zip(places, points, strict=True), key=lambda each: each[0]) if point in front]
+    lines = [(at, (at[0], point.surrogate.rms_mm)) for at, point in zip(places, points, strict=True) if point.surrogate]
+    for one, other in itertools.pairwise(corners):
+        lines += [(one, (other[0], one[1])), ((other[0], one[1]), other)]
+    labels = [
+        panel.text(*at, point.label, fontsize=8, weight="bold" if point in front else "normal")
+        for at, point in zip(places, points, strict=True)
+    ]
+    place(panel, places, labels, lines)

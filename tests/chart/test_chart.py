@@ -11,6 +11,8 @@ import pytest
 from pgdl_lab import registry
 from pgdl_lab.assessment import latency
 from pgdl_lab.chart import methods
+from pgdl_lab.chart.figure import _missing, draw
+from pgdl_lab.chart.labels import place
 from pgdl_lab.chart.page import write_page
 from pgdl_lab.chart.point import Point, pareto
 from pgdl_lab.chart.reference import Errors, Reference, find_reference
@@ -147,3 +149,33 @@ def test_judged_pressures_divide_those_observed() -> None:
     assert settings.judgement(Observation(snapshots=12)).snapshots == 4
     assert settings.judgement(Observation(snapshots=7)).snapshots == 1
     assert settings.quick().reference["edge_mm"] == 6.0
+
+
+def test_labels_meet_neither_each_other_nor_points_and_stay_inside() -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, panel = plt.subplots()
+    places = [(1.0 + 0.002 * i, 1.0) for i in range(6)] + [(0.0, 0.0), (3.0, 1.2), (3.0, 0.0)]
+    panel.plot(*zip(*places, strict=True), "o")
+    panel.margins(0.15)
+    labels = [panel.text(*at, f"a method called {i}", fontsize=8) for i, at in enumerate(places)]
+    figure.canvas.draw()
+    place(panel, places, labels, [((0.0, 0.0), (0.0, 1.0))])
+    boxes = [label.get_window_extent() for label in labels]
+    pixels = panel.transData.transform(places)
+    for one, box in enumerate(boxes):
+        assert panel.get_window_extent().containsx(box.x0) and panel.get_window_extent().containsx(box.x1)
+        assert panel.get_window_extent().containsy(box.y0) and panel.get_window_extent().containsy(box.y1)
+        assert not any(box.overlaps(other) for other in boxes[:one])
+        assert not box.count_contains(pixels)
+    plt.close(figure)
+
+
+def test_the_figure_names_what_is_not_shown(tmp_path: Path) -> None:
+    points = [Point("pod", "surrogate", query_ms=1, total=errors(0.5)), Point("it", "table", failed="stopped: at 3")]
+    assert _missing(points) == "Not shown: it: stopped"
+    draw(points, errors(0.1), "a title", 10, tmp_path / "chart.png")
+    assert (tmp_path / "chart.png").stat().st_size > 1000
