@@ -28,9 +28,10 @@ from optuna.trial import TrialState
 from rich.console import Console
 from rich.table import Table
 
+from pgdl_lab.search.journal import KernelLock
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import parse
-from pgdl_lab.search.storage import KernelLock, open_storage
+from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import SharedStudy
 from tests import postgres
 

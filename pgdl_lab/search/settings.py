@@ -42,8 +42,8 @@ class SearchSettings:
     report
         Quantity in the loss history that the pruner sees.
     storage
-        URL of a database; None: the file `study.journal` in the study's folder. Workers share that folder either way:
-        its locks tell them which of them live.
+        URL of a database: a journal in PostgreSQL, Optuna's tables in others; None: the file `study.journal` in the
+        study's folder. Workers share that folder either way: its locks tell them which of them live.
     batch
         Trials that are handed to Hydra's launcher together.
     workers

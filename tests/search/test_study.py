@@ -1,6 +1,7 @@
 """Studies inside one process: claims, losses and limits."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.search.postgresql import PostgresJournal
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import parse
 from pgdl_lab.search.storage import open_storage
@@ -27,13 +29,13 @@ def nothing(trial: FrozenTrial) -> None:
     return None
 
 
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[str]:
-    """URL of an empty PostgreSQL database of its own."""
+@pytest.fixture(scope="module")
+def database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """URL of a PostgreSQL database, where a study goes by the name of its folder."""
     pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
     if postgres.programs() is None:
         pytest.skip("PostgreSQL is not installed")
-    with postgres.server(tmp_path, "fsync=off") as url:
+    with postgres.server(tmp_path_factory.mktemp("server"), "fsync=off") as url:
         yield url
 
 
@@ -44,6 +46,43 @@ def test_workers_share_a_study_and_none_gets_more_than_is_left(tmp_path: Path) -
 def test_workers_share_a_study_in_postgresql(tmp_path: Path, database: str) -> None:
     check_sharing(tmp_path, database)
     assert not (tmp_path / "study.journal").exists()
+
+
+def test_workers_share_a_study_in_the_tables_of_another_database(tmp_path: Path) -> None:
+    check_sharing(tmp_path, f"sqlite:///{tmp_path}/study.db")
+    assert not (tmp_path / "study.journal").exists()
+
+
+def test_entries_in_postgresql_are_numbered_without_gaps_whoever_writes(database: str) -> None:
+    def write(worker: int) -> None:
+        journal = PostgresJournal(database, "many")
+        for count in range(25):
+            journal.append_logs([{"op_code": 0, "worker": worker, "count": count}])
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write, range(4)))
+    journal = PostgresJournal(database, "many")
+    kept = journal.read_logs(0)
+    assert sorted((log["worker"], log["count"]) for log in kept) == [(w, c) for w in range(4) for c in range(25)]
+    assert all([log["count"] for log in kept if log["worker"] == worker] == list(range(25)) for worker in range(4))
+    assert [journal.read_logs(start) for start in (40, 99, 100)] == [kept[40:], kept[99:], []]
+    assert PostgresJournal(database, "another").read_logs(0) == []
+
+
+def test_a_connection_that_the_server_closed_is_opened_again(database: str) -> None:
+    journal = PostgresJournal(database, "closed")
+    journal.append_logs([{"op_code": 0}])
+    pid = journal._open.info.backend_pid
+    PostgresJournal(database, "other")._open.execute("SELECT pg_terminate_backend(%s, 5000)", (pid,))
+    journal.append_logs([{"op_code": 1}])
+    assert [log["op_code"] for log in journal.read_logs(0)] == [0, 1]
+
+
+def test_a_database_that_does_not_answer_is_one_sentence(tmp_path: Path) -> None:
+    pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
+    url = f"postgresql+psycopg://lab:secret@/postgres?host={tmp_path}"
+    with pytest.raises(InputError, match=r"storage=postgresql\+psycopg://lab:\*\*\*@/.* cannot be opened: connection"):
+        open_storage(url, tmp_path)
 
 
 def check_sharing(folder: Path, storage: str | None) -> None:
