@@ -86,7 +86,8 @@ def main() -> None:
 def result(name: str, tolerance_mm: float, only_found: bool) -> dict[str, Any] | None:
     """What one scene shows, from the store or run now."""
     scene = SCENES[name]
-    digest = hashlib.sha256(json.dumps([scene.typed, scene.reference_mm, REFERENCE]).encode())
+    ladder = (paths.CONF / "task" / "choose.yaml").read_text()
+    digest = hashlib.sha256(json.dumps([scene.typed, scene.reference_mm, REFERENCE, ladder]).encode())
     folders = [paths.ROOT / "pgdl_lab" / "choosing"]
     for path in sorted(path for folder in folders for path in folder.glob("*.py")):
         digest.update(path.read_bytes())
