@@ -141,7 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 url = None
                 if storage == "postgresql":
-                    url = stack.enter_context(postgres.server(folder, "max_connections=200"))
+                    url = stack.enter_context(postgres.server("max_connections=200"))
                 row = (storage, str(workers), *measure(workers, url, chosen.trials, folder))
                 table.add_row(*row)
                 print(*row, flush=True)

@@ -35,7 +35,7 @@ def measure(workers: int, storage: str, trials: int, epochs: int, database: Path
         root = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         url = None
         if storage == "postgresql":
-            url = stack.enter_context(postgres.server(root))
+            url = stack.enter_context(postgres.server())
         (root / "runs").mkdir()
         (root / "runs" / "snapshots").symlink_to(paths.RUNS / "snapshots")
         shutil.copy(database, root / "mlflow.db")

@@ -25,6 +25,7 @@ COMPARED = {
     "extremes_mm.fem.z.0": "least u_z [mm]",
 }
 """Metrics that are set side by side, and their headings."""
+ACROSS = 4  # panels in a row of the figure
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,10 @@ def compare(folder: Path) -> list[Path]:
     rows = [_row(file.parent) for file in jobs]
     if sum(bool(row.metrics) for row in rows) < 2:
         return []
-    names = sorted({name for row in rows for name in row.settings})
-    varied = [name for name in names if len({row.settings.get(name) for row in rows}) > 1]
+    varied = _varied([row.settings for row in rows])
     columns = [key for key in COMPARED if any(key in row.metrics for row in rows)]
-    Console().print(_table(rows, varied, columns))
+    compared = [key for key in columns if key in _varied([row.metrics for row in rows if row.metrics])] or columns
+    Console().print(_table(rows, varied, compared))
     path = folder / "comparison.csv"
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -57,7 +58,13 @@ def compare(folder: Path) -> list[Path]:
         for row in rows:
             settings = [row.settings.get(name, "") for name in varied]
             writer.writerow([row.job, *settings, *(row.metrics.get(key, "") for key in columns), row.failure])
-    return [path, _figure(rows, varied, columns, folder / "comparison.png")]
+    return [path, _figure([row for row in rows if row.metrics], compared, folder / "comparison.png")]
+
+
+def _varied(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names under which not all rows have the same."""
+    names = sorted({name for row in rows for name in row})
+    return [name for name in names if len({row.get(name) for row in rows}) > 1]
 
 
 def _row(job: Path) -> _Row:
@@ -71,35 +78,43 @@ def _row(job: Path) -> _Row:
 
 def _table(rows: Sequence[_Row], varied: Sequence[str], columns: Sequence[str]) -> Table:
     table = Table(title="The runs side by side")
-    for heading in ("job", *varied, *(COMPARED[key] for key in columns)):
-        table.add_column(heading, justify="right", overflow="fold")
+    table.add_column("job", justify="right")
+    table.add_column("settings")
+    for key in columns:
+        table.add_column(Text(COMPARED[key].replace(" [", "\n[")), justify="right", no_wrap=True)
     for row in rows:
         figures = [f"{row.metrics[key]:.3g}" if key in row.metrics else "–" for key in columns]
         if row.failure:
             figures[0] = "failed"
-        table.add_row(row.job, *(Text(row.settings.get(name, "–")) for name in varied), *figures)
+        settings = "  ".join(f"{name}={row.settings[name]}" for name in varied if name in row.settings)
+        table.add_row(row.job, Text(settings), *figures)
     return table
 
 
-def _figure(rows: Sequence[_Row], varied: Sequence[str], columns: Sequence[str], path: Path) -> Path:
-    """One panel of bars per metric."""
+def _figure(rows: Sequence[_Row], columns: Sequence[str], path: Path) -> Path:
+    """One panel of bars per metric, as many in a row as fit."""
     import matplotlib
     from matplotlib.figure import Figure
 
     from pgdl_lab.assessment.figures import STYLE
 
-    shown = [row for row in rows if row.metrics]
-    labels = [" ".join(row.settings.get(name, "–") for name in varied) or row.job for row in shown]
+    varied = _varied([row.settings for row in rows])
+    labels = [" ".join(row.settings.get(name, "–") for name in varied) or row.job for row in rows]
+    across = min(len(columns), ACROSS)
+    down = -(-len(columns) // across)
     with matplotlib.rc_context(STYLE), replacing(path) as temporary:
-        figure = Figure(figsize=(3.2 * len(columns) + 1, 0.4 * len(shown) + 1.5), layout="constrained")
-        axes = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
-        for axis, key in zip(axes, columns, strict=True):
-            values = [row.metrics.get(key, 0.0) for row in shown]
-            axis.barh(range(len(shown)), values)
+        size = (2.7 * across + 1.5, down * (0.35 * len(rows) + 1.2))
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(down, across, sharey=True, squeeze=False).ravel()
+        for axis in axes[len(columns) :]:
+            axis.remove()
+        for axis, key in zip(axes, columns, strict=False):
+            values = [row.metrics.get(key, 0.0) for row in rows]
+            axis.barh(range(len(rows)), values)
             if key.startswith("mse") and min(values) > 0 and max(values) > 20 * min(values):
                 axis.set_xscale("log")
             axis.set_xlabel(COMPARED[key])
-        axes[0].set_yticks(range(len(shown)), labels)
+        axes[0].set_yticks(range(len(rows)), labels)
         axes[0].invert_yaxis()
         figure.savefig(temporary, format="png")
     return path

@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,33 +18,32 @@ def programs() -> Path | None:
 
 
 @contextmanager
-def server(folder: Path, *settings: str) -> Iterator[str]:
+def server(*settings: str) -> Iterator[str]:
     """URL of an empty database, whose server ends with the block.
 
     Parameters
     ----------
-    folder
-        Where its files go; the two folders above are opened to the user postgres, as the server refuses to run as root.
     settings
         Settings of the server, such as "fsync=off".
     """
     place = programs()
     assert place is not None
-    data = folder / "postgres"
-    data.mkdir()
-    user: dict[str, Any] = {"user": "postgres", "group": "postgres", "cwd": "/"} if os.geteuid() == 0 else {}
-    if user:
-        shutil.chown(data, "postgres", "postgres")
-        for above in (folder, *folder.parents[:2]):
-            above.chmod(above.stat().st_mode | 0o011)
+    with tempfile.TemporaryDirectory() as data:  # not in a folder of pytest, which every session closes to other users
+        user: dict[str, Any] = {}
+        if os.geteuid() == 0:  # the server refuses to run as root
+            shutil.chown(data, "postgres", "postgres")
+            user = {"user": "postgres", "group": "postgres", "cwd": "/"}
 
-    def call(program: str, *arguments: str) -> None:
-        subprocess.run([str(place / program), "-D", str(data), *arguments], check=True, capture_output=True, **user)
+        def call(program: str, *arguments: str) -> None:
+            command = [str(place / program), "-D", data, *arguments]
+            done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **user)
+            if done.returncode:
+                raise RuntimeError(f"{program} failed: {done.stdout}")
 
-    call("initdb", "-A", "trust", "-U", "lab", "--no-sync")
-    options = " ".join([f"-k {data} -c listen_addresses=''", *(f"-c {setting}" for setting in settings)])
-    call("pg_ctl", "-w", "-o", options, "-l", str(data / "log"), "start")
-    try:
-        yield f"postgresql+psycopg://lab@/postgres?host={data}"
-    finally:
-        call("pg_ctl", "-m", "immediate", "stop")
+        call("initdb", "-A", "trust", "-U", "lab", "--no-sync")
+        options = " ".join([f"-k {data} -c listen_addresses=''", *(f"-c {setting}" for setting in settings)])
+        call("pg_ctl", "-w", "-o", options, "-l", f"{data}/log", "start")
+        try:
+            yield f"postgresql+psycopg://lab@/postgres?host={data}"
+        finally:
+            call("pg_ctl", "-m", "immediate", "stop")

@@ -36,6 +36,11 @@ COMMANDS = {
         *(*TRAINING, "split.points=200", "trainer.max_epochs=3", "trainer.progress=false", "model.width=range(4,9)"),
         *("hydra.sweeper.n_trials=2", "hydra.sweeper.pruner={_target_:optuna.pruners.ThresholdPruner,upper:1e-9}"),
     ),
+    "trained": (
+        *(*TRAINING, "split.points=200", "trainer.max_epochs=2", "trainer.progress=false", "model.width=range(4,9)"),
+        *("optimizer.name=adam,nadam", "model.activation=tanh,relu", "hydra.sweeper.n_trials=2"),
+    ),
+    "trained again": ("experiment=trained/best",),
     "calibration": ("-m", "sweep=calibrate_small", "finger=joints", "fem=toy", "hydra.sweeper.n_trials=2"),
     "multirun": ("-m", "task=simulate", "fem=toy", "fem.a=0.3,0.5", "finger.wall_mm=3,-3"),
 }
@@ -76,6 +81,13 @@ def runs(root: Path, study: str = "search") -> tuple[Run, dict[str, Run]]:
     return parent, {run.data.tags["trial"]: run for run in mine}
 
 
+def metrics_of_run(root: Path, setting: str) -> dict:
+    """Metrics of the one run by itself that has this line in its configuration."""
+    folders = {path.parent for path in root.glob("runs/*_*_*/metrics.json")}
+    (folder,) = {each for each in folders if setting in (each / "config.yaml").read_text()}
+    return json.loads((folder / "metrics.json").read_text())
+
+
 def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(done: Done) -> None:
     root, told = done
     assert told["front"][0] == 0, told["front"][1]
@@ -98,8 +110,7 @@ def test_a_search_for_two_objectives_leaves_a_front_that_runs_again(done: Done) 
     assert {"history", "parallel_coordinates", "pareto"} <= figures
 
     assert told["again"][0] == 0, told["again"][1]
-    (again,) = root.glob("runs/*_*_*/metrics.json")
-    best = json.loads(again.read_text())["extremes_mm"]["fem"]
+    best = metrics_of_run(root, "kind: points")["extremes_mm"]["fem"]
     assert (best["x"][1], best["z"][1]) == min(pairs[n] for n in front)
 
 
@@ -171,6 +182,16 @@ def test_trials_that_fail_or_take_too_long_are_told_and_the_others_run_on(done: 
     assert kept == {None: "FINISHED", "The finger burst.": "FAILED", slow: "FAILED"}
 
 
+def test_the_best_training_runs_again_with_the_same_metrics(done: Done) -> None:
+    root, told = done
+    assert told["trained"][0] == told["trained again"][0] == 0, told["trained"][1] + told["trained again"][1]
+    found = {trial.number: trial.value for trial in trials(root, "trained")}
+    best = json.loads((root / "runs" / "trained" / str(min(found, key=found.__getitem__)) / "metrics.json").read_text())
+    again = metrics_of_run(root, "kind: body")
+    assert len(set(found.values())) == 2
+    assert [again[key] for key in ("mse_mm2", "extremes_mm")] == [best[key] for key in ("mse_mm2", "extremes_mm")]
+
+
 def test_a_training_is_pruned_from_inside(done: Done) -> None:
     root, told = done
     assert told["pruned"][0] == 0, told["pruned"][1]
@@ -194,6 +215,10 @@ def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(don
     root, told = done
     assert told["multirun"][0] == 1
     assert "2 of the multirun's jobs failed" in told["multirun"][1]
+    table = told["multirun"][1].partition("The runs side by side")[2]
+    assert re.search(r"simulation.*\n.*\[s\]", table), table
+    assert "least u_z" not in table  # it is the same in all jobs
+    assert "fem.a=0.5  finger.wall_mm=-3 " in table
     (folder,) = (path.parent for path in (root / "runs").glob("*/comparison.csv"))
     with (folder / "comparison.csv").open() as file:
         rows = list(csv.DictReader(file))

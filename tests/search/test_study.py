@@ -30,12 +30,12 @@ def nothing(trial: FrozenTrial) -> None:
 
 
 @pytest.fixture(scope="module")
-def database(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def database() -> Iterator[str]:
     """URL of a PostgreSQL database, where a study goes by the name of its folder."""
     pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
     if postgres.programs() is None:
         pytest.skip("PostgreSQL is not installed")
-    with postgres.server(tmp_path_factory.mktemp("server"), "fsync=off") as url:
+    with postgres.server("fsync=off") as url:
         yield url
 
 
