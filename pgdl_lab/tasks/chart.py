@@ -3,6 +3,7 @@
 import csv
 import json
 import logging
+import math
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -88,17 +89,26 @@ def _title(bench: Bench) -> str:
 
 
 def _write(job: Job, bench: Bench, points: list[Point], title: str) -> None:
-    rows = [point.row() for point in points]
+    queries, solver = bench.settings.queries, _solver(points)
+    rows = [point.row() | _paid(point, queries, solver) for point in points]
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with replacing(job.folder / "chart.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)
-    uncertainty, queries = bench.reference.uncertainty, bench.settings.queries
+    uncertainty = bench.reference.uncertainty
     content = {"title": title, "uncertainty": asdict(uncertainty), "queries": queries, "points": rows}
     with replacing(job.folder / "chart.json") as temporary:
         temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
     write_page(points, uncertainty, title, queries, job.folder / "chart.html")
+
+
+def _paid(point: Point, queries: int, solver: Point | None) -> dict[str, Any]:
+    """Time from end to end [s], and the number of queries from which the point takes less of it than `solver`."""
+    if point.total is None:
+        return {}
+    even = point.break_even(solver) if solver and point.kind != FINITE_ELEMENTS else math.inf
+    return {"end_to_end_s": point.end_to_end_s(queries), "break_even_queries": even if math.isfinite(even) else None}
 
 
 def _table(points: list[Point], bench: Bench) -> Table:
@@ -119,11 +129,11 @@ def _table(points: list[Point], bench: Bench) -> Table:
             table.add_row(Text(point.label), *[""] * 9, Text(point.failed[:60]))
             continue
         parts = (f"{part.rms_mm:.2g}" if part else "–" for part in (point.discretisation, point.surrogate))
-        even = point.break_even(solver) if solver and point.kind != FINITE_ELEMENTS else float("nan")
+        even = _paid(point, queries, solver)["break_even_queries"]
         times = point.simulate_s, point.train_s, point.query_ms, point.end_to_end_s(queries)
         table.add_row(
             Text(point.label), f"{point.total.rms_mm:.3g}", *parts, f"{point.total.largest_mm:.2g}",
-            *(f"{float(f'{time:.3g}'):,g}" for time in times), "–" if even != even else f"{even:g}",
+            *(f"{float(f'{time:.3g}'):,g}" for time in times), "–" if even is None else f"{even:g}",
             ", ".join(name for name, front in fronts.items() if point in front),
         )  # fmt: skip
     return table

@@ -1,3 +1,4 @@
+import csv
 import json
 import re
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from pgdl_lab.chart.reference import Errors, Reference, find_reference
 from pgdl_lab.chart.settings import ChartSettings
 from pgdl_lab.errors import InputError
 from pgdl_lab.snapshots import Observation
+from pgdl_lab.tasks import chart
 from tests.chart import scene
 from tests.fingers import pneunet
 
@@ -197,3 +199,22 @@ def test_the_figure_names_what_is_not_shown(tmp_path: Path) -> None:
     assert _missing(points) == "Not shown: it: stopped"
     draw(points, errors(0.1), "a title", 10, tmp_path / "chart.png")
     assert (tmp_path / "chart.png").stat().st_size > 1000
+
+
+def test_table_and_records_hold_every_method_and_when_it_has_paid(tmp_path: Path) -> None:
+    points = [
+        Point("solid", "finite elements", query_ms=10_000.0, tip_ms=10_000.0, total=errors(0.1)),
+        Point("pod", "surrogate", simulate_s=30.0, train_s=5.0, query_ms=1.0, total=errors(0.1)),
+        Point("calculix", "finite elements", failed="stopped"),
+    ]
+    settings = SimpleNamespace(queries=100)
+    bench: Any = SimpleNamespace(settings=settings, reference=SimpleNamespace(uncertainty=errors(0.01)))
+    job: Any = SimpleNamespace(folder=tmp_path)
+    chart._write(job, bench, points, "a title")
+    with (tmp_path / "chart.csv").open(newline="") as file:
+        solid, pod, calculix = csv.DictReader(file)
+    assert (solid["break_even_queries"], pod["break_even_queries"], calculix["failed"]) == ("", "4", "stopped")
+    assert float(pod["end_to_end_s"]) == pytest.approx(35.1)
+    stored = json.loads((tmp_path / "chart.json").read_text())
+    assert [row["label"] for row in stored["points"]] == ["solid", "pod", "calculix"]
+    assert (tmp_path / "chart.html").is_file()
