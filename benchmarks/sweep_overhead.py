@@ -35,14 +35,15 @@ def plain(folder: Path, trials: int) -> list[float]:
     from hydra.utils import instantiate
 
     from pgdl_lab.search.settings import DEFAULT_SAMPLER
-    from pgdl_lab.search.study import quietly
+    from pgdl_lab.search.study import making
 
     def objective(trial: optuna.Trial) -> float:
         return trial.suggest_float("width", 12, 14) - trial.suggest_float("wall", 2.5, 3.5)
 
     file = optuna.storages.journal.JournalFileBackend(str(folder / "plain.journal"))
     storage = optuna.storages.JournalStorage(file)
-    sampler = quietly(instantiate, DEFAULT_SAMPLER)
+    with making("sampler"):
+        sampler = instantiate(DEFAULT_SAMPLER)
     study = optuna.create_study(study_name="plain", storage=storage, sampler=sampler)
     ends = [time.perf_counter()]
     study.optimize(objective, n_trials=trials, callbacks=[lambda *_: ends.append(time.perf_counter())])

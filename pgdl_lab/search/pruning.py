@@ -9,7 +9,7 @@ from hydra.utils import instantiate
 from pgdl_lab.learning.module import TrainingModule
 from pgdl_lab.registry import closest
 from pgdl_lab.search.storage import open_storage
-from pgdl_lab.search.study import quietly
+from pgdl_lab.search.study import making
 from pgdl_lab.search.trial import REPORTS, Ticket, TrialPruned
 
 
@@ -26,7 +26,8 @@ class Pruning(pl.Callback):
 
     def __init__(self, ticket: Ticket, folder: Path) -> None:
         storage = open_storage(ticket.storage, folder.parent)
-        pruner = quietly(instantiate, ticket.pruner)
+        with making("pruner"):
+            pruner = instantiate(ticket.pruner)
         study = optuna.load_study(study_name=ticket.study, storage=storage, pruner=pruner)
         self._trial = optuna.trial.Trial(study, ticket.trial_id)
         self._report = ticket.report

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,7 +94,9 @@ class SharedStudy:
         self._known = Tally()
         sampler = dict(settings.sampler or DEFAULT_SAMPLER)
         self._seed = sampler.get("seed")
-        self._new_sampler = quietly(partial(instantiate, sampler, _partial_=True))
+        with making("sampler"):
+            self._new_sampler = instantiate(sampler, _partial_=True)
+            self._sampler(0)
         schema: dict[str, Any] = {
             "objective": settings.directions,
             "target": {name: list(target) for name, target in settings.targets.items()},
@@ -113,9 +116,9 @@ class SharedStudy:
                 self.study.set_user_attr(SCHEMA, schema)
             else:
                 _check_same(settings.study, known, schema)
-            self.study.sampler = self._sampler(0)
             if settings.pruner is not None:
-                self.study.pruner = quietly(instantiate, settings.pruner)
+                with making("pruner"):
+                    self.study.pruner = instantiate(settings.pruner)
             if settings.retry_failed:
                 for trial in self.failed():
                     self._enqueue(trial, trial.params)
@@ -178,7 +181,8 @@ class SharedStudy:
         return 0 if left and self._exhausted(tally) else left
 
     def _ask(self, number: int) -> Claim:
-        self.study.sampler = self._sampler(number)
+        with making("sampler"):
+            self.study.sampler = self._sampler(number)
         trial = self.study.ask()
         overrides = self.space.suggest(trial)
         trial.set_user_attr(WORKER, self.worker)  # last: a trial without it was never begun
@@ -187,9 +191,9 @@ class SharedStudy:
     def _sampler(self, number: int) -> Any:
         """A sampler for one trial: with one seed for all, workers and resumed studies would draw the same again."""
         if not isinstance(self._seed, int):
-            return quietly(self._new_sampler)
+            return self._new_sampler()
         seed = np.random.SeedSequence([self._seed, number]).generate_state(1)
-        return quietly(partial(self._new_sampler, seed=int(seed[0])))
+        return self._new_sampler(seed=int(seed[0]))
 
     def _take_up_lost(self, tally: Tally, recover: Callable[[FrozenTrial], list[float] | None]) -> bool:
         """Put trials of workers that are gone back into the queue, or keep their values if they had come to an end.
@@ -259,13 +263,18 @@ class SharedStudy:
         (self._workers / self.worker).unlink(missing_ok=True)
 
 
-def quietly(call: Callable[..., Any], *arguments: Any) -> Any:
-    """What `call` returns, without Optuna's warnings that arguments are experimental."""
-    import warnings
-
+@contextmanager
+def making(setting: str) -> Iterator[None]:
+    """Tell what is wrong with a sampler or pruner, and leave out Optuna's warnings that an argument is experimental."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        return call(*arguments)
+        try:
+            yield
+        except Exception as error:  # each class has errors of its own; Hydra puts the cause behind its own
+            reason = str(error.__cause__ or error).splitlines()[-1]
+            raise InputError(
+                f"hydra.sweeper.{setting} cannot be made, give {{_target_: class, its arguments}}: {reason}"
+            ) from error
 
 
 def _check_same(study: str, known: Mapping[str, Any], now: Mapping[str, Any]) -> None:

@@ -1,5 +1,6 @@
 import optuna
 import pytest
+from hydra_plugins.pgdl_optuna import PgdlOptunaSweeper
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 from pgdl_lab.errors import InputError
@@ -77,6 +78,11 @@ def test_a_space_that_cannot_be_read_is_one_sentence(params: dict, typed: list[s
 def test_settings_that_make_no_sense_are_refused(fields: dict, answer: str) -> None:
     with pytest.raises(InputError, match=answer):
         SearchSettings(**{"study": "s", **fields})
+
+
+def test_a_setting_of_the_sweeper_that_there_is_not_is_told_with_the_closest() -> None:
+    with pytest.raises(InputError, match="no hydra.sweeper field 'worker'. Did you mean 'workers'"):
+        PgdlOptunaSweeper(study="s", worker=2)
 
 
 def test_directions() -> None:

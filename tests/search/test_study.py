@@ -152,6 +152,22 @@ def test_a_study_goes_on_only_as_it_was_begun(tmp_path: Path, changes: dict, ans
     opened(tmp_path, n_trials=9)
 
 
+@pytest.mark.parametrize(
+    ("fields", "answer"),
+    [
+        ({"sampler": {"_target_": "optuna.samplers.Nope"}}, "sampler cannot be made, .*: .* 'Nope' is importable"),
+        ({"sampler": {"_target_": "optuna.samplers.TPESampler", "nope": 1}}, "sampler cannot be made, .*'nope'"),
+        (
+            {"pruner": {"_target_": "optuna.pruners.MedianPruner", "n_startup_trials": -1}},
+            "pruner .*: Number of startup",
+        ),
+    ],
+)
+def test_a_sampler_or_pruner_that_cannot_be_made_is_one_sentence(tmp_path: Path, fields: dict, answer: str) -> None:
+    with pytest.raises(InputError, match=answer):
+        opened(tmp_path, **fields)
+
+
 def test_a_study_stops_when_all_fail_or_too_many(tmp_path: Path) -> None:
     study = opened(tmp_path, n_trials=10, first_failures=2, max_failure_rate=0.2)
     for _ in range(2):

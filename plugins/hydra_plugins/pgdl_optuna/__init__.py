@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pgdl_lab import sweep
 from pgdl_lab.folders import BEST
+from pgdl_lab.registry import closest
 from pgdl_lab.search import calibration
 from pgdl_lab.search.settings import SearchSettings
 
@@ -29,6 +30,8 @@ class PgdlOptunaSweeper(Sweeper):
 
     def __init__(self, **settings: Any) -> None:
         sweep.take_folder()  # a search counts its failures itself
+        for name in settings:
+            closest(name, SearchSettings.__dataclass_fields__, "hydra.sweeper field")
         self.settings = SearchSettings(**OmegaConf.to_object(OmegaConf.create(settings)))  # type: ignore[arg-type]
         self.search: Search | None = None
 
