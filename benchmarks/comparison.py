@@ -93,7 +93,9 @@ def run(experiment: Experiment) -> dict[str, Any]:
         except LabError as error:
             return {"failed": str(error)}
         seconds = time.perf_counter() - start
-    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa), train)
+    surrogate.outside = "ignore"
+    asked = snapshots.points, snapshots.pressures_kpa
+    comparison = Comparison(snapshots, surrogate.predict(*asked), train, surrogate.error_bar(*asked))
     extremes = comparison.extremes_mm()
     tip, highest = int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
     mse_mm2 = comparison.mse_mm2()
@@ -102,6 +104,7 @@ def run(experiment: Experiment) -> dict[str, Any]:
     return {
         "seconds": seconds,
         "mse_mm2": mse_mm2,
+        "error_bar": comparison.error_bar(),
         "highlights": [comparison.by_pressure()[i] for i in experiment.split.highlights(snapshots.pressures_kpa)],
         "extremes_mm": max(
             abs(ours - theirs)

@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.errors import InputError
 from pgdl_lab.files import replacing
+from pgdl_lab.learning.last_layer import STATE, LastLayer
 from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+from pgdl_lab.learning.process_surrogate import ProcessSurrogate
 from pgdl_lab.surrogate import FORMAT, UNITS, VERSION, Face, Record, Surrogate
 
 Floats = NDArray[np.float64]
@@ -40,13 +42,16 @@ class NetworkSurrogate(Surrogate):
     model, record
         See `Surrogate`; the model names the "activation".
     state
-        "0" … "L": scale (2, C) with shift, or weights (C', C + 1) with bias, of the layers in their order.
+        "0" … "L": scale (2, C) with shift, or weights (C', C + 1) with bias, of the layers in their order; with error
+        bars also those of a `LastLayer`.
     """
 
     def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
         super().__init__(model, record)
         self._state = dict(state)
-        self._layers = [np.asarray(state[str(number)], dtype=np.float64) for number in range(len(state))]
+        count = sum(not name.startswith(STATE) for name in state)
+        self._layers = [np.asarray(state[str(number)], dtype=np.float64) for number in range(count)]
+        self._last_layer = LastLayer.restored(state)
         self._activation = ACTIVATIONS[self.model["activation"]]
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -55,13 +60,28 @@ class NetworkSurrogate(Surrogate):
     def probe(self, points_mm: Floats) -> Probe:
         return _NetworkProbe(self, points_mm)
 
-    def outputs(self, inputs: Floats) -> Floats:
-        """Displacements (n, 2) [mm] from x, z and pressure (n, 3)."""
-        first, *hidden, last, scaling = self._layers
+    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
+        if self._last_layer is None:
+            return None
+        one = np.ones((len(points_mm), 1))
+        features = (np.concatenate([self.hidden(np.column_stack([points_mm, kpa * one])), one], axis=1)
+                    for kpa in pressures_kpa)  # fmt: skip
+        bars = [self._last_layer.bars(each, np.ones(1), float(kpa))
+                for each, kpa in zip(features, pressures_kpa, strict=True)]  # fmt: skip
+        return np.array(bars).reshape(len(pressures_kpa), len(points_mm))
+
+    def hidden(self, inputs: Floats) -> Floats:
+        """What the last layer weighs (n, H), from x, z and pressure (n, 3)."""
+        first, *hidden, _, _ = self._layers
         values = inputs * first[0] + first[1]
         for layer in hidden:
             values = self._activation(values @ layer[:, :-1].T + layer[:, -1])
-        return (values @ last[:, :-1].T + last[:, -1]) * scaling[0] + scaling[1]
+        return values
+
+    def outputs(self, inputs: Floats) -> Floats:
+        """Displacements (n, 2) [mm] from x, z and pressure (n, 3)."""
+        *_, last, scaling = self._layers
+        return (self.hidden(inputs) @ last[:, :-1].T + last[:, -1]) * scaling[0] + scaling[1]
 
 
 class _NetworkProbe(Probe):
@@ -72,7 +92,11 @@ class _NetworkProbe(Probe):
         return self._surrogate.outputs(np.column_stack([self._points_mm, np.full(len(self._points_mm), kpa)]))
 
 
-KINDS = {"nodal": NodalSurrogate, "network": NetworkSurrogate}
+KINDS: dict[str, Callable[[Mapping[str, Any], Record, Mapping[str, NDArray[Any]]], Surrogate]] = {
+    "nodal": NodalSurrogate,
+    "process": ProcessSurrogate,
+    "network": NetworkSurrogate,
+}
 
 
 def plain_state(surrogate: Surrogate) -> tuple[str, dict[str, NDArray[Any]]]:
@@ -85,18 +109,25 @@ def plain_state(surrogate: Surrogate) -> tuple[str, dict[str, NDArray[Any]]]:
     """
     if isinstance(surrogate, NodalSurrogate):
         return "nodal", _multiplied(surrogate)
+    if isinstance(surrogate, ProcessSurrogate):
+        return "process", surrogate.state()
     from pgdl_lab.learning.field import PlaneField  # torch is there, as the surrogate is one of torch
 
     field = getattr(surrogate, "field", None)
     if not isinstance(field, PlaneField) or surrogate.model["activation"] not in ACTIVATIONS:
         raise InputError(f"Model {surrogate.model['name']} has no plain NumPy form: use its ONNX file.")
     layers: dict[int, list[NDArray[Any]]] = {}
+    bars: dict[str, NDArray[Any]] = {}
     for name, array in surrogate.state().items():
-        layers.setdefault(int(name.split(".")[1]), []).append(array)
-    return "network", {
+        if name.startswith(STATE):
+            bars[name] = array
+        else:
+            layers.setdefault(int(name.split(".")[1]), []).append(array)
+    plain = {
         str(number): np.stack([first, second]) if first.ndim == 1 else np.column_stack([first, second])
         for number, (_, (first, second)) in enumerate(sorted(layers.items()))
     }
+    return "network", plain | bars
 
 
 def _multiplied(surrogate: NodalSurrogate) -> dict[str, NDArray[Any]]:

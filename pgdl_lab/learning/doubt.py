@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import logging
 import warnings
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.learning.linear import LinearModel
 from pgdl_lab.model import Model
 from pgdl_lab.surrogate import Outside, Surrogate
 
@@ -43,23 +41,19 @@ def trained(model: Model, training: Training) -> Surrogate:
             "longer, or with another learning rate, weights or model.",
             100 * error,
         )
-    elif isinstance(model, LinearModel) and surrogate.error_bar(samples.points_mm[:1], 0.0) is None:
-        _warn_of_noise(model, training, some)
+    else:
+        _warn_of_noise(surrogate, samples, some[:LOOKED_AT])
     return surrogate
 
 
-def _warn_of_noise(model: Model, training: Training, order: NDArray[np.int64]) -> None:
-    """Fit to four fifths of the points and look at the others: a closed form sets none aside by itself."""
-    kept, left = np.split(order, [max(1, 4 * len(order) // 5)])
-    if not left.size:
-        return
-    part = model.fit(replace(training, samples=_of(training.samples, kept)))
-    error = _relative_error(part, training.samples, left[:LOOKED_AT])
-    if not error <= UNLEARNT:
+def _warn_of_noise(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> None:
+    """A model that follows the noise of its data is far from those that its error bars are calibrated on."""
+    bars = surrogate.error_bar(samples.points_mm[some], samples.ranges()["pressure_kpa"][1])
+    size = float(np.sqrt((samples.displacements_mm**2).mean()))
+    if bars is not None and np.median(bars) > UNLEARNT * size:
         _log.warning(
-            "Fitted to four fifths of its points, the model errs by %.2g %% of the displacement at the others: its "
-            "data are too few or too noisy; try model=pod, which smooths and has error bars.",
-            100 * error,
+            "The model's own error bars are %.2g %% of the displacement: its data are too few or too noisy for it.",
+            100 * np.median(bars) / size,
         )
 
 

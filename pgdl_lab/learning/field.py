@@ -43,19 +43,37 @@ class Field(nn.Module, ABC):
         return torch.stack(fields) if fields else coordinates.new_empty(0, count, 2)
 
 
-class PlaneField(Field):
+class ReadOutField(Field):
+    """A field whose last layer is linear: what it weighs is known."""
+
+    @abstractmethod
+    def features(self, coordinates: Tensor, pressures_kpa: Tensor) -> tuple[Tensor, Tensor]:
+        """Features (n, H) and (n, K) whose products the last layer sums up; only the first may depend on the place.
+
+        Parameters
+        ----------
+        coordinates, pressures_kpa
+            (J, n, F) and (n,) [kPa], see `rows`.
+        """
+
+    def beside(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        """Displacement (n, 2) [mm] that does not come from the last layer, for the same arguments; here none."""
+        return coordinates.new_zeros(coordinates.shape[1], 2)
+
+
+class PlaneField(ReadOutField):
     """A network whose inputs are x, z and the pressure.
 
     Parameters
     ----------
     layers
-        Takes (…, 3): x [mm], z [mm], p [kPa]; gives (…, 2) [mm]. Scaling is part of it, so that every derivative of
-        the field is physical.
+        A sequence that ends with a linear layer and an `Affine`. Takes (…, 3): x [mm], z [mm], p [kPa]; gives (…, 2)
+        [mm]. Scaling is part of it, so that every derivative of the field is physical.
     dtype
         Type of the weights.
     """
 
-    def __init__(self, layers: nn.Module, dtype: torch.dtype) -> None:
+    def __init__(self, layers: nn.Sequential, dtype: torch.dtype) -> None:
         super().__init__()
         self.layers = layers.to(dtype)
         self.dtype = dtype
@@ -72,3 +90,9 @@ class PlaneField(Field):
         pressure = torch.zeros_like(coordinates[..., :1])
         pressure[0, :, 0] = pressures_kpa
         return propagate(self.layers, torch.cat([coordinates, pressure], dim=-1))
+
+    def features(self, coordinates: Tensor, pressures_kpa: Tensor) -> tuple[Tensor, Tensor]:
+        inputs = torch.cat([coordinates[0], pressures_kpa[:, None].to(self.dtype)], dim=1)
+        hidden = self.layers[:-2](inputs)  # without the last layer and the scaling of its outputs
+        one = torch.ones_like(hidden[:, :1])
+        return torch.cat([hidden, one], dim=1), one

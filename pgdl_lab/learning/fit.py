@@ -47,7 +47,8 @@ def fit(model: TrainedModel, training: Training) -> Surrogate:
 
     def surrogate() -> Surrogate:
         record = Record(training.samples.ranges(), dict(training.provenance), module.history, training.scene.face)
-        return model.finished(field, record)
+        with threads(training.trainer.threads):
+            return model.finished(field, record, samples, module.held)
 
     if checkpoint is not None and _finished(checkpoint, training):
         module.load_state_dict(checkpoint["state_dict"])

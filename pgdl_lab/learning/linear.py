@@ -50,12 +50,7 @@ class LinearModel(Model):
 
         from pgdl_lab.surrogate import Record
 
-        residuals = [name for name, loss in training.losses.items() if loss.order > 0]
-        if residuals:
-            raise InputError(
-                f"A linear model is fitted to data alone and cannot take in loss {', '.join(residuals)}; "
-                "leave it out or choose a neural model."
-            )
+        refuse_derivatives(training)
         regression, body = regression_of(training, self.degree)
         with threadpool_limits(training.trainer.threads), closing(regression):
             learnt = self.learn(regression, training)
@@ -66,6 +61,22 @@ class LinearModel(Model):
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
 
         return NodalSurrogate(describe(self), record, state)
+
+
+def refuse_derivatives(training: Training) -> None:
+    """Check that the data are all that a model is asked to fit.
+
+    Raises
+    ------
+    InputError
+        When a loss needs derivatives.
+    """
+    residuals = [name for name, loss in training.losses.items() if loss.order > 0]
+    if residuals:
+        raise InputError(
+            f"This model is fitted to data alone and cannot take in loss {', '.join(residuals)}; "
+            "leave it out or choose a neural model."
+        )
 
 
 def regression_of(training: Training, degree: int) -> tuple[SeparableRegression, dict[str, Tensor]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.learning.field import Field
+from pgdl_lab.learning.field import ReadOutField
 from pgdl_lab.learning.jet import ROWS, propagate
 from pgdl_lab.learning.triangulation import Triangulation
 
@@ -25,7 +25,7 @@ FLOOR = 1e-6  # keeps the normal matrix regular where the data say nothing
 DECAY = 0.2
 
 
-class ModalField(Field):
+class ModalField(ReadOutField):
     """A network of the body's Laplace eigenfunctions gives coefficients of Chebyshev polynomials in the pressure.
 
     Two chambers that part across a slot lie close in the plane and far apart along the body. The eigenfunctions of the
@@ -108,6 +108,14 @@ class ModalField(Field):
         while len(columns) <= self.degree:
             columns.append(2 * t * columns[-1] - columns[-2])
         return torch.stack(columns[: self.degree + 1], dim=-1)
+
+    def features(self, coordinates: Tensor, pressures_kpa: Tensor) -> tuple[Tensor, Tensor]:
+        hidden = self.deep[:-1](coordinates[0])
+        return torch.cat([hidden, torch.ones_like(hidden[:, :1])], dim=1), self.decay * self.polynomials(pressures_kpa)
+
+    def beside(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+        coefficients = self.decay[:, None] * torch.unflatten(self.linear(coordinates[0]), -1, (-1, 2))
+        return torch.einsum("nkc,nk->nc", coefficients, self.polynomials(pressures_kpa))
 
     def displacements(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
         return torch.einsum("nkc,pk->pnc", self.coefficients(coordinates)[0], self.polynomials(pressures_kpa))

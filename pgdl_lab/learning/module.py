@@ -8,7 +8,9 @@ import time
 from typing import Any
 
 import lightning.pytorch as pl
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from pgdl_lab.errors import LabError
@@ -103,6 +105,13 @@ class TrainingModule(pl.LightningModule):
     def samples(self) -> int:
         """Number of training points, without those that are set aside."""
         return len(self._training)
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """(n,), the samples that are set aside."""
+        mask = np.zeros(len(self._held) + len(self._training), dtype=bool)
+        mask[self._held.cpu()] = True
+        return mask
 
     @property
     def steps_per_epoch(self) -> int:

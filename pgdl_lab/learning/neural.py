@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from pgdl_lab.learning.data import Samples, Training
-    from pgdl_lab.learning.field import Field
+    from pgdl_lab.learning.field import Field, ReadOutField
     from pgdl_lab.surrogate import Record, Surrogate
 
 ACTIVATIONS = ("relu", "tanh", "silu", "gelu", "softplus", "sin")
@@ -64,8 +64,8 @@ class TrainedModel(Model):
         """A field with initial weights and the points that it is trained on."""
 
     @abstractmethod
-    def finished(self, field: Any, record: Record) -> Surrogate:
-        """The surrogate of a trained field."""
+    def finished(self, field: Any, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
+        """The surrogate of a field that was trained on `samples`, but for those that were `held` (n,) back."""
 
     def fit(self, training: Training) -> Surrogate:
         from pgdl_lab.learning.fit import fit  # torch and Lightning are imported only when they are needed
@@ -80,23 +80,26 @@ class NeuralModel(TrainedModel):
     def begin(self, training: Training) -> tuple[Field, Samples]:
         return self.new_field(training), training.samples
 
-    def finished(self, field: Field, record: Record) -> Surrogate:
-        from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
+    def finished(self, field: ReadOutField, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
+        from pgdl_lab.learning.neural_surrogate import NeuralSurrogate, last_layer
 
-        return NeuralSurrogate(describe(self), record, field)
+        return NeuralSurrogate(describe(self), record, field, last_layer(field, samples, held))
 
     @abstractmethod
-    def new_field(self, training: Training) -> Field:
+    def new_field(self, training: Training) -> ReadOutField:
         """A field with initial weights."""
 
     @abstractmethod
-    def stored_field(self, state: Mapping[str, Tensor]) -> Field:
+    def stored_field(self, state: Mapping[str, Tensor]) -> ReadOutField:
         """A field of the shape that `state` has; its weights are overwritten afterwards."""
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
         import torch
 
-        tensors = {name: torch.from_numpy(array) for name, array in state.items()}
+        from pgdl_lab.learning.last_layer import STATE, LastLayer
+        from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
+
+        tensors = {name: torch.from_numpy(array) for name, array in state.items() if not name.startswith(STATE)}
         field = self.stored_field(tensors)
         field.load_state_dict(tensors)
-        return self.finished(field, record)
+        return NeuralSurrogate(describe(self), record, field, LastLayer.restored(state))

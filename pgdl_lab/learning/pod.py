@@ -8,36 +8,47 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.learning.calibration import bar_deviations
+from pgdl_lab.learning.calibration import Floats, Held, bar_deviations
 from pgdl_lab.learning.separable import Prior, SeparableRegression
 
 LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
 
 
+def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:
+    """The prior that is learnt from the data in `rounds` rounds."""
+    prior = regression.first_prior()
+    for _ in range(rounds):
+        prior = regression.learnt(regression.posterior(prior, LEARNING_DRAWS, rng))
+    return prior
+
+
 def decompose(
-    regression: SeparableRegression, rounds: int, draws: int, rng: np.random.Generator
-) -> tuple[Prior, Mapping[str, Tensor]]:
-    """The prior learnt in `rounds` rounds, and what the state of a `NodalSurrogate` holds beside the body.
+    regression: SeparableRegression, prior: Prior, draws: int, rng: np.random.Generator
+) -> Mapping[str, Tensor]:
+    """What the state of a `NodalSurrogate` holds beside the body.
 
     Parameters
     ----------
     regression
         The data and the body.
-    rounds
-        How often the prior is learnt anew.
+    prior
+        What is assumed of the field.
     draws
-        Random draws that the error bars are found from.
+        Random draws that the error bars are found from, at least as many as polynomials.
     rng
         Where they are drawn from.
     """
-    prior = regression.first_prior()
-    for _ in range(rounds):
-        prior = regression.learnt(regression.posterior(prior, LEARNING_DRAWS, rng))
     posterior = regression.posterior(prior, draws, rng)
-    bar_kpa, deviations = bar_deviations(regression, prior, LEARNING_DRAWS, rng)
+
+    def ratios(held: Held) -> Floats:
+        mean, deviation = regression.at_samples(regression.posterior(prior, LEARNING_DRAWS, rng, kept=~held))
+        expected_mm = np.sqrt((deviation[held] ** 2).mean(axis=1) + prior.noise_mm**2)
+        return np.abs(mean - regression.samples.displacements_mm)[held] / expected_mm[:, None]
+
+    bar_kpa, deviations = bar_deviations(regression.samples.pressures_kpa, ratios, rng)
     # with draws = Q R, the covariance is Rᵀ R
     _, spread = np.linalg.qr(posterior.draws.transpose(0, 2, 1) / np.sqrt(draws))
-    return prior, {
+    return {
         "modes": torch.from_numpy(posterior.modes.copy()),
         "amplitudes": torch.from_numpy(prior.amplitudes.copy()),
         "spread": torch.from_numpy(spread.transpose(0, 2, 1).astype(np.float32)),

@@ -82,12 +82,13 @@ class Hybrid(TrainedModel):
 
         from pgdl_lab.learning.corrected import cross_fitted
         from pgdl_lab.learning.linear import regression_of
-        from pgdl_lab.learning.pod import decompose
+        from pgdl_lab.learning.pod import decompose, learnt_prior
 
         rng = np.random.default_rng(training.seed)
         regression, body = regression_of(training, self.degree)
         with threadpool_limits(training.trainer.threads), closing(regression):
-            prior, learnt = decompose(regression, self.rounds, DRAWS, rng)
+            prior = learnt_prior(regression, self.rounds, rng)
+            learnt = decompose(regression, prior, DRAWS, rng)
             samples, size_mm = cross_fitted(regression, prior, learnt, self.folds, rng)
         return self._field({**body, **learnt}, torch.tensor(size_mm, dtype=torch.double)), samples
 
@@ -99,7 +100,7 @@ class Hybrid(TrainedModel):
         deep = fully_connected(inputs, outputs, self.depth, self.width, self.activation)
         return CorrectedField(closed_form, scale_mm, deep, inputs, self.correction_degree)
 
-    def finished(self, field: CorrectedField, record: Record) -> Surrogate:
+    def finished(self, field: CorrectedField, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
         return self.restore({name: tensor.numpy() for name, tensor in field.nodal().items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:

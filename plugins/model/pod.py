@@ -50,6 +50,7 @@ class Pod(LinearModel):
     def learn(self, regression: SeparableRegression, training: Training) -> Mapping[str, Tensor]:
         import numpy as np
 
-        from pgdl_lab.learning.pod import decompose
+        from pgdl_lab.learning.pod import decompose, learnt_prior
 
-        return decompose(regression, self.rounds, self.draws, np.random.default_rng(training.seed))[1]
+        rng = np.random.default_rng(training.seed)
+        return decompose(regression, learnt_prior(regression, self.rounds, rng), self.draws, rng)

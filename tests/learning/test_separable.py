@@ -5,8 +5,8 @@ import pytest
 import scipy.linalg
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.learning.calibration import bar_deviations
 from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.pod import decompose
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
 from pgdl_lab.learning.triangulation import Triangulation
 from tests.learning.test_triangulation import rectangle
@@ -92,7 +92,8 @@ def test_bars_cover_what_they_promise() -> None:
     regression, field = drawn(rectangle(12), 1500, seed=3)
     rng = np.random.default_rng(1)
     posterior = regression.posterior(PRIOR, 64, rng)
-    kpa, deviations = bar_deviations(regression, PRIOR, 64, rng)
+    learnt = decompose(regression, PRIOR, 64, rng)
+    kpa, deviations = learnt["bar_kpa"].numpy(), learnt["bar_deviations"].numpy()
     assert kpa[0] == regression.samples.pressures_kpa.max() and kpa[1] > kpa[0]
     # the data are of the model's own making: nearly 1.96 deviations, known from 150 samples
     assert deviations[0] == pytest.approx(1.96, rel=0.2) and deviations[1] >= deviations[0]

@@ -17,6 +17,10 @@ def hybrid(**fields: Any) -> Any:
     return plugin("model", "hybrid")(**{**QUICK, **fields})
 
 
+def finished(field: Any, record: Any) -> Any:
+    return hybrid().finished(field, record, None, None)
+
+
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return hybrid().begin(training(tmp_path_factory.mktemp("hybrid"), {"data": {}}))
@@ -25,7 +29,7 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def test_starts_as_the_closed_form(tmp_path: Path, begun: Any) -> None:
     whole, data = training(tmp_path, {"data": {}}), small()
     closed = plugin("model", "pod")(degree=3, rounds=1).fit(whole)
-    surrogate = hybrid().finished(begun[0], closed.record)
+    surrogate = finished(begun[0], closed.record)
     points, kpa = data.points[::7], np.array([0.0, 10.0, 50.0])
     assert surrogate.predict(points, kpa) == pytest.approx(closed.predict(points, kpa), abs=1e-9)
     assert surrogate.error_bar(points, kpa) == pytest.approx(closed.error_bar(points, kpa), rel=1e-4)
@@ -34,7 +38,7 @@ def test_starts_as_the_closed_form(tmp_path: Path, begun: Any) -> None:
 def test_is_shown_errors_at_points_it_was_not_fitted_to(tmp_path: Path, begun: Any) -> None:
     field, shown = begun
     whole = training(tmp_path, {"data": {}})
-    surrogate = hybrid().finished(field, plugin("model", "pod")(degree=3, rounds=0).fit(whole).record)
+    surrogate = finished(field, plugin("model", "pod")(degree=3, rounds=0).fit(whole).record)
     samples = whole.samples
     here = np.stack([
         surrogate.predict(point[None], kpa)[0]
@@ -54,7 +58,7 @@ def test_trained_field_and_its_nodal_form_agree_and_hold_the_clamp(begun: Any) -
             torch.nn.init.normal_(weight)
         kpa = torch.tensor([0.0, 20.0, 60.0], dtype=torch.double)
         whole = field.displacements(field.coordinates(data.points, 0), kpa).numpy()
-        nodal = hybrid().finished(field, None).probe(data.points).values(kpa.numpy())
+        nodal = finished(field, None).probe(data.points).values(kpa.numpy())
         for weight, value in zip(field.parameters(), kept, strict=True):
             weight.copy_(value)
         start = field.displacements(field.coordinates(data.points, 0), kpa).numpy()

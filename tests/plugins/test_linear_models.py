@@ -31,8 +31,9 @@ def test_learnt_modes_beat_the_single_fit_and_both_follow_every_chamber(tmp_path
     assert (errors(learnt) ** 2).mean() < (errors(single) ** 2).mean()
 
 
-def test_bars_of_pod_cover_the_unseen_points_and_grow_beyond_the_trained_pressures(tmp_path: Path) -> None:
-    surrogate, data = fitted("pod", tmp_path, degree=6), small()
+@pytest.mark.parametrize("name", ["pod", "finite_element"])
+def test_bars_cover_the_unseen_points_and_grow_beyond_the_trained_pressures(name: str, tmp_path: Path) -> None:
+    surrogate, data = fitted(name, tmp_path, degree=6), small()
     bars = surrogate.error_bar(data.points, data.pressures_kpa)
     assert bars is not None
     unseen = np.delete(bars.ravel(), TRAIN)[:, None]

@@ -1,0 +1,97 @@
+"""A Gaussian process on the body's eigenfunctions and the pressure, fitted by scikit-learn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.learning.calibration import Held, bar_deviations
+from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.process_surrogate import covariance, factor, interpolated
+from pgdl_lab.learning.triangulation import Triangulation
+
+Floats = NDArray[np.float64]
+
+SIZES, LENGTHS, NOISES = (1e-3, 1e6), (1e-2, 1e3), (1e-12, 1.0)  # searched: variance, length scale, noise's variance
+JITTER = 1e-10  # least variance of the noise, by that of the process: keeps the matrix positive definite
+
+
+def fitted(
+    body: Triangulation, samples: Samples, modes: int, points: int, rng: np.random.Generator
+) -> dict[str, NDArray[Any]]:
+    """The state of a `ProcessSurrogate`.
+
+    Parameters
+    ----------
+    body
+        The triangulated body.
+    samples
+        The data.
+    modes
+        Number of eigenfunctions of the body that stand for the place, at most a quarter of its points.
+    points
+        Number of samples that are learnt from, at most.
+    rng
+        Chooses them.
+    """
+    functions, values = body.modes(min(modes, len(body.points_mm) // 4))
+    places = functions * np.sqrt(values[0] / values)  # the slow ones weigh more
+    places /= places.std(axis=0).max()
+    half_kpa = samples.pressures_kpa.max() / 2
+    inputs = np.column_stack([interpolated(body, places, samples.points_mm), samples.pressures_kpa / half_kpa])
+    mean_mm, size_mm = samples.displacements_mm.mean(axis=0), samples.displacements_mm.std(axis=0)
+    size_mm = np.where(size_mm > 0, size_mm, 1.0)
+    moved_mm = samples.displacements_mm - mean_mm
+
+    def chosen(those: Held) -> NDArray[np.int64]:
+        among = np.flatnonzero(those)
+        return rng.choice(among, min(points, len(among)), replace=False)
+
+    learnt = chosen(np.ones(len(inputs), dtype=bool))
+    size, length, noise = _kernel(inputs[learnt], moved_mm[learnt] / size_mm)
+    inputs /= length
+
+    def weights_mm(part: NDArray[np.int64], lower: Floats) -> Floats:
+        weights: Any = np.linalg.solve(lower.T, np.linalg.solve(lower, moved_mm[part]))
+        return weights
+
+    def ratios(held: Held) -> Floats:
+        part, judged = chosen(~held), chosen(held)
+        lower, across = factor(inputs[part], noise), covariance(inputs[judged], inputs[part])
+        variance = 1 + noise - (np.linalg.solve(lower, across.T) ** 2).sum(axis=0)
+        expected_mm = size * size_mm.max() * np.sqrt(np.maximum(variance, noise))
+        return np.abs(across @ weights_mm(part, lower) - moved_mm[judged]) / expected_mm[:, None]
+
+    bar_kpa, deviations = bar_deviations(samples.pressures_kpa, ratios, rng)
+    return {
+        "points_mm": body.points_mm,
+        "triangles": body.triangles,
+        "places": places / length,
+        "unit_kpa": np.array(half_kpa * length),
+        "inputs": inputs[learnt],
+        "weights_mm": weights_mm(learnt, factor(inputs[learnt], noise)),
+        "mean_mm": mean_mm,
+        "size_mm": np.array(size * size_mm.max()),
+        "noise": np.array(noise),
+        "bar_kpa": bar_kpa,
+        "bar_deviations": deviations,
+    }
+
+
+def _kernel(inputs: Floats, targets: Floats) -> tuple[float, float, float]:
+    """Standard deviation and length scale of the likeliest process, and variance of the noise by that of the process.
+
+    Parameters
+    ----------
+    inputs, targets
+        (n, D) and (n, 2), of mean 0 and standard deviation 1.
+    """
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    guess = ConstantKernel(1.0, SIZES) * RBF(1.0, LENGTHS) + WhiteKernel(1e-4, NOISES)
+    found = GaussianProcessRegressor(guess).fit(inputs, targets).kernel_
+    variance = float(found.k1.k1.constant_value)
+    return np.sqrt(variance), float(found.k1.k2.length_scale), max(float(found.k2.noise_level) / variance, JITTER)

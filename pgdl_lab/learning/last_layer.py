@@ -1,0 +1,131 @@
+"""How far a network may err: the Laplace approximation of its last layer, scaled to errors that it was seen to make.
+
+Hidden layers are taken as they are and the last one as a Bayesian linear regression on their outputs φ (D. MacKay,
+Bayesian interpolation, 1992; E. Daxberger et al., Laplace redux, 2021). The variance of its prediction at a place is
+1 + φᵀ (Φᵀ Φ + ρ I)⁻¹ φ times that of the noise, where Φ holds the φ of the training points: it grows where φ is unlike
+all of them. NumPy is all it needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.learning.calibration import ABOVE, COVERED
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 20  # of the fixed-point iteration for ρ, whose factor from one to the next is then below a percent
+BANDS, LEAST = 5, 100  # of the pressure, each scaled by itself, and the least number of samples in one
+STATE = "bars."  # begins the names of its arrays in the state of a surrogate
+
+
+@dataclass(frozen=True)
+class LastLayer:
+    """Error bars of a network.
+
+    The outputs of the last layer are sums over products φ of H features of the place and K of the pressure.
+
+    Attributes
+    ----------
+    roots
+        (K, H, K H), a root R of (Φᵀ Φ + ρ I)⁻¹ = R Rᵀ.
+    kpa, bar_mm
+        (B,) each: rising pressures, the last but one the highest trained and the last one above it, and what the root
+        of the variance is multiplied by there [kPa, mm].
+    """
+
+    roots: NDArray[np.float32]
+    kpa: Floats
+    bar_mm: Floats
+
+    @classmethod
+    def fitted(
+        cls,
+        features: tuple[Floats, Floats],
+        pressures_kpa: Floats,
+        targets_mm: Floats,
+        errors_mm: Floats,
+        held: NDArray[np.bool_],
+    ) -> LastLayer:
+        """Error bars that cover 95 % of the errors at the samples set aside, or at all if there are none.
+
+        Errors at training points themselves are counted as those of a last layer that was fitted without each, by the
+        formula of leaving one out. Beyond the trained pressures the bars also hold what it costs to fit the last layer
+        without the highest of them and to predict those, more than to predict the ones in between.
+
+        Parameters
+        ----------
+        features
+            (n, H) and (n, K), of place and pressure at n samples.
+        pressures_kpa, targets_mm, errors_mm
+            (n,), (n, 2) and (n, 2), of the samples: what the last layer was to give, and what the network errs by.
+        held
+            (n,), the samples that it did not learn from.
+        """
+        products = np.einsum("nh,nk->nkh", *features).reshape(len(pressures_kpa), -1)
+        root, _ = _regression(products[~held], targets_mm[~held])
+        leverage = ((products @ root) ** 2).sum(axis=1)
+        alone = errors_mm if held.any() else errors_mm / (1 - leverage)[:, None]
+        judged = np.flatnonzero(held) if held.any() else np.arange(len(held))
+        rising = judged[np.argsort(pressures_kpa[judged], kind="stable")]
+        bands = np.array_split(rising, np.clip(len(rising) // LEAST, 1, BANDS))
+        bar_mm = [_quantile(alone[band], leverage[band]) for band in bands]
+
+        highest = float(pressures_kpa.max())
+        top = pressures_kpa > (1 - ABOVE) * highest
+        below = ~top & ~held
+        more = 0.0
+        if below.sum() > products.shape[1] and top.any():
+            root_below, weights = _regression(products[below], targets_mm[below])
+            leverage_below = ((products @ root_below) ** 2).sum(axis=1)
+            missed = products @ weights - targets_mm
+            known = _quantile(missed[below] / (1 - leverage_below[below])[:, None], leverage_below[below])
+            more = max(_quantile(missed[top], leverage_below[top]) ** 2 - known**2, 0.0)
+        kpa = [*(float(np.median(pressures_kpa[band])) for band in bands[:-1]), highest, (1 + ABOVE) * highest]
+        bar_mm.append(float(np.hypot(bar_mm[-1], np.sqrt(more))))
+        hidden, orders = (part.shape[1] for part in features)
+        roots = root.reshape(orders, hidden, -1).astype(np.float32)
+        return cls(roots, np.array(kpa), np.array(bar_mm))
+
+    @classmethod
+    def restored(cls, state: Mapping[str, NDArray[Any]]) -> LastLayer | None:
+        """That of a surrogate's state; None where it has none."""
+        names = ("roots", "kpa", "bar_mm")
+        found = [state[STATE + name] for name in names if STATE + name in state]
+        return cls(*found) if len(found) == len(names) else None
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What the state of a surrogate holds of it."""
+        return {STATE + name: array for name, array in vars(self).items()}
+
+    def bars(self, place: Floats, pressure: Floats, kpa: float) -> Floats:
+        """Error bars (n,) [mm] from features (n, H) of the place and (K,) of the pressure [kPa]."""
+        # of what is rotated in the end only the lengths count
+        _, triangle = np.linalg.qr(np.einsum("k,khf->fh", pressure, self.roots))
+        variance = 1 + ((place @ triangle.T) ** 2).sum(axis=1)
+        return np.interp(kpa, self.kpa, self.bar_mm) * np.sqrt(variance)
+
+
+def _quantile(errors_mm: Floats, leverage: Floats) -> float:
+    """What 95 % of the errors (n, 2), by the roots of their variances 1 + `leverage` (n,), lie below [mm]."""
+    return float(np.quantile(np.abs(errors_mm) / np.sqrt(1 + leverage)[:, None], COVERED))
+
+
+def _regression(features: Floats, targets: Floats) -> tuple[Floats, Floats]:
+    """A root (F, F) of (Φᵀ Φ + ρ I)⁻¹ and weights (F, 2) of the ridge regression on Φ (n, F), with the likeliest ρ."""
+    values, vectors = np.linalg.eigh(features.T @ features)
+    values = np.maximum(values, np.finfo(float).eps * values[-1])
+    onto = vectors.T @ (features.T @ targets)
+    total, count = (targets**2).sum(), targets.size
+    ridge = values[-1] * 1e-9
+    for _ in range(ROUNDS):
+        weights = onto / (values + ridge)[:, None]
+        used = 2 * (values / (values + ridge)).sum()  # degrees of freedom
+        left = max(total - (weights * (2 * onto - values[:, None] * weights)).sum(), np.finfo(float).eps * total)
+        ridge = used / (weights**2).sum() * left / max(count - used, 1.0)
+    return vectors / np.sqrt(values + ridge), vectors @ (onto / (values + ridge)[:, None])

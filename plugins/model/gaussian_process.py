@@ -1,0 +1,68 @@
+"""Model `gaussian_process`: a standard regressor, as a yardstick."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pgdl_lab.errors import InputError
+from pgdl_lab.model import Model
+from pgdl_lab.registry import describe, register
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.process_surrogate import ProcessSurrogate
+    from pgdl_lab.surrogate import Record
+
+
+@register("model", "gaussian_process")
+@dataclass(frozen=True)
+class GaussianProcess(Model):
+    """scikit-learn's Gaussian process on the body's Laplace eigenfunctions and the pressure.
+
+    Of the losses only the data count: others are refused if they need derivatives. Error bars are its standard
+    deviation, scaled to errors at points that were held out.
+
+    Attributes
+    ----------
+    points
+        Number of training points that are used, drawn at random, as the cost grows with their cube.
+    modes
+        Number of eigenfunctions; bodies of fewer than 4 times as many points get a quarter of their points.
+    """
+
+    points: int = 1000
+    modes: int = 32
+
+    def __post_init__(self) -> None:
+        for name in ("points", "modes"):
+            if getattr(self, name) < 1:
+                raise InputError(f"model.{name} is {getattr(self, name)}; it must be at least 1.")
+
+    def fit(self, training: Training) -> ProcessSurrogate:
+        import warnings
+
+        import numpy as np
+        from threadpoolctl import threadpool_limits
+
+        from pgdl_lab.learning.gaussian_process import fitted
+        from pgdl_lab.learning.linear import refuse_derivatives
+        from pgdl_lab.learning.triangulation import Triangulation
+        from pgdl_lab.surrogate import Record
+
+        refuse_derivatives(training)
+        scene, rng = training.scene, np.random.default_rng(training.seed)
+        with threadpool_limits(training.trainer.threads), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module="sklearn")  # of a search that ends at a bound
+            body = Triangulation(scene.points_mm, scene.triangles)
+            state = fitted(body, training.samples, self.modes, self.points, rng)
+        return self.restore(state, Record(training.samples.ranges(), dict(training.provenance), face=scene.face))
+
+    def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> ProcessSurrogate:
+        from pgdl_lab.learning.process_surrogate import ProcessSurrogate
+
+        return ProcessSurrogate(describe(self), record, state)
