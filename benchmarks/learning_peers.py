@@ -1,129 +1,321 @@
-"""What standard regressors make of the same training points, beside the lab's own linear models.
+"""The same training in DeepXDE and PINA: time of a step and error after the same wall time, beside the lab's own.
 
-Snapshots of a finger are taken from the cache, or simulated; the split is `random`. The Gaussian process sees a part of
-the points only, as its cost grows with their cube. Run from the checkout's root:
+    pip install -c constraints.txt -e '.[bench]'
+    python benchmarks/learning_peers.py [--finger pneunet] [--seconds 30]
 
-    PYTHONPATH=. python benchmarks/learning_peers.py [finger ...]
+All train 8 × 100 tanh neurons on (x, z, p), scaled to −1 … 1, with Adam, 512 of the same training points per step, on
+the data and on the corrected Navier–Cauchy residual with the same weight, in float32 on one thread. The residual is
+taken at the same 512 points; DeepXDE's own data set for such problems, `PDE` with `PointSetBC`, wants points of its own
+for it, and evaluates the residual at both: it has a line of its own, with 512 fixed training points. Times of a step
+are processor times, so that other work on the machine counts little. The last line is the default model, with the time
+that it takes. A package that is not installed is left out.
 """
 
-import sys
+import argparse
+import os
+import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import lightning.pytorch as pl
 import numpy as np
+import torch
 from numpy.typing import NDArray
-from scipy.interpolate import RBFInterpolator
-from sklearn.ensemble import ExtraTreesRegressor
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, WhiteKernel
+from torch import Tensor
 
-from pgdl_lab import paths
-from pgdl_lab.cache import simulate
+from pgdl_lab import cache, paths
 from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.registry import discover, plugin
 from pgdl_lab.snapshots import Observation, Snapshots
 
 Floats = NDArray[np.float64]
-Rule = Callable[[Training, Snapshots], Floats]
-
-GP_POINTS = 2000
-MODES = 12  # eigenfunctions of the body that stand for the place, where (x, z) does not tell chambers apart
-EVERY = 20  # every 20th snapshot is predicted: local interpolation of all takes minutes
+DEPTH, WIDTH, BATCH, RATE = 8, 100, 512, 1e-3
 
 
-def _plane(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
-    """Training inputs (n, 3), and those (N, 3) of every predicted snapshot."""
-    samples = training.samples
-    return _inputs(snapshots, snapshots.points, samples.points_mm, samples.pressures_kpa)
+@dataclass(frozen=True)
+class Task:
+    """What all of them learn, in `seconds`."""
+
+    snapshots: Snapshots
+    train: NDArray[np.int64]
+    scene: Scene
+    weight: float
+    seconds: float
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The training points."""
+        return Samples.of(self.snapshots, self.train)
+
+    @cached_property
+    def inputs(self) -> Tensor:
+        """(n, 3) x, z [mm], p [kPa]."""
+        samples = self.samples
+        return torch.from_numpy(np.column_stack([samples.points_mm, samples.pressures_kpa])).float()
+
+    @cached_property
+    def targets(self) -> Tensor:
+        """(n, 2) [mm]."""
+        return torch.from_numpy(self.samples.displacements_mm).float()
+
+    def scaled(self, inputs: Tensor) -> Tensor:
+        """Inputs between −1 and 1."""
+        low, high = self.inputs.min(dim=0).values, self.inputs.max(dim=0).values
+        return (2 * inputs - low - high) / (high - low)
+
+    def unscaled(self, outputs: Tensor) -> Tensor:
+        """Displacements [mm] from outputs between −1 and 1."""
+        low, high = self.targets.min(dim=0).values, self.targets.max(dim=0).values
+        return (outputs * (high - low) + low + high) / 2
+
+    def residuals(self, second: Callable[[int, int, int], Tensor]) -> list[Tensor]:
+        """Of the Navier–Cauchy equation, from second(component, i, j), the second derivative by x_i and x_j."""
+        lame, shear = self.scene.lame_mpa, self.scene.shear_modulus_mpa
+        return [
+            (lame + shear) * (second(0, 0, i) + second(1, 1, i))
+            + shear * (second(i, 0, 0) + second(i, 1, 1)) + self.scene.body_force_n_mm3[i]
+            for i in range(2)
+        ]  # fmt: skip
+
+    def mse(self, predict: Callable[[Tensor], Tensor]) -> tuple[float, float]:
+        """Mean squared errors of u_x and u_z over the unseen points [mm²]."""
+        points = torch.from_numpy(self.snapshots.points).float()
+        with torch.no_grad():
+            fields = [
+                predict(torch.cat([points, torch.full((len(points), 1), float(kpa))], dim=1)).detach().numpy()
+                for kpa in self.snapshots.pressures_kpa
+            ]
+        error = np.delete((np.stack(fields) - self.snapshots.displacements).reshape(-1, 2), self.train, axis=0)
+        x, z = (error**2).mean(axis=0)
+        return float(x), float(z)
 
 
-def _body(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
-    """The same with the body's Laplace eigenfunctions in place of x and z, the slow ones weighing more."""
-    from pgdl_lab.learning.triangulation import Triangulation
-
-    body = Triangulation(snapshots.points, snapshots.triangles)
-    modes, values = body.modes(MODES)
-    modes = modes * np.sqrt(values[0] / values)
-    corners, weights = body.locate(training.samples.points_mm)
-    return _inputs(snapshots, modes, np.einsum("nc,ncm->nm", weights, modes[corners]), training.samples.pressures_kpa)
+Outcome = tuple[float, float, float]  # processor seconds per step, MSE of u_x and of u_z
 
 
-def _inputs(snapshots: Snapshots, place: Floats, trained: Floats, kpa: Floats) -> tuple[Floats, list[Floats]]:
-    size, highest = place.std(axis=0).max(), snapshots.pressures_kpa[-1] / 2
-    return np.column_stack([trained / size, kpa / highest]), [
-        np.column_stack([place / size, np.full(len(place), p / highest)])
-        for p in snapshots.pressures_kpa[EVERY - 1 :: EVERY]
-    ]
+class Steps(pl.Callback):
+    """Counts steps and the processor time that they take together."""
+
+    def __init__(self) -> None:
+        self.count, self.seconds, self._start = 0, 0.0, 0.0
+
+    def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
+        self._start = time.thread_time()
+
+    def on_train_batch_end(self, *args: Any) -> None:
+        self.count += 1
+        self.seconds = time.thread_time() - self._start
+
+    @property
+    def seconds_each(self) -> float:
+        """Of one step [s]."""
+        return self.seconds / self.count
 
 
-def _fitted(inputs: Callable[..., tuple[Floats, list[Floats]]], regressor: Any) -> Rule:
-    """`regressor`, of scikit-learn, on `inputs`."""
-
-    def rule(training: Training, snapshots: Snapshots) -> Floats:
-        trained, asked = inputs(training, snapshots)
-        rng = np.random.default_rng(0)
-        gp = isinstance(regressor, GaussianProcessRegressor)
-        part = rng.choice(len(trained), min(GP_POINTS, len(trained)), replace=False) if gp else slice(None)
-        regressor.fit(trained[part], training.samples.displacements_mm[part])
-        return np.stack([regressor.predict(each) for each in asked])
-
-    return rule
+def ours(task: Task) -> Outcome:
+    """The lab's network with the same settings."""
+    losses = {"data": plugin("loss", "data")(), "navier_cauchy": plugin("loss", "navier_cauchy")(weight=task.weight)}
+    model = plugin("model", "mlp")(depth=DEPTH, width=WIDTH, activation="tanh")
+    steps = Steps()
+    surrogate, _ = _lab(task, model, losses, task.seconds, [steps])
+    return steps.seconds_each, *_mse_of(task, surrogate)
 
 
-def _rbf(training: Training, snapshots: Snapshots) -> Floats:
-    trained, asked = _plane(training, snapshots)
-    interpolant = RBFInterpolator(trained, training.samples.displacements_mm, neighbors=50)
-    return np.stack([interpolant(each) for each in asked])
+def default(task: Task) -> Outcome:
+    """The default model; its "step" is its whole training."""
+    losses = {name: plugin("loss", name)() for name in ("data", "boundary")}
+    surrogate, seconds = _lab(task, plugin("model", "hybrid")(), losses, None, [])
+    return seconds, *_mse_of(task, surrogate)
 
 
-def _ours(name: str) -> Rule:
-    def rule(training: Training, snapshots: Snapshots) -> Floats:
-        surrogate = plugin("model", name)().fit(training)
-        return np.asarray(surrogate.predict(snapshots.points, snapshots.pressures_kpa[EVERY - 1 :: EVERY]))
-
-    return rule
-
-
-def _process() -> GaussianProcessRegressor:
-    return GaussianProcessRegressor(RBF(1.0, (0.05, 10.0)) + WhiteKernel(1e-6, (1e-10, 1e-2)), normalize_y=True)
-
-
-RULES: dict[str, Rule] = {
-    "trees on x, z, p": _fitted(_plane, ExtraTreesRegressor(100, random_state=0)),
-    "trees on eigenfunctions, p": _fitted(_body, ExtraTreesRegressor(100, random_state=0)),
-    "thin-plate RBF, 50 neighbours": _rbf,
-    f"Gaussian process on x, z, p, {GP_POINTS} points": _fitted(_plane, _process()),
-    f"Gaussian process on eigenfunctions, p, {GP_POINTS} points": _fitted(_body, _process()),
-    "finite_element": _ours("finite_element"),
-    "pod": _ours("pod"),
-}
+def _lab(
+    task: Task, model: Any, losses: dict[str, Any], budget_s: float | None, callbacks: list[pl.Callback]
+) -> tuple[Any, float]:
+    trainer = TrainerSettings(progress=False, accelerator="cpu")
+    rule = OptimizerSettings()
+    if budget_s is not None:
+        trainer = replace(trainer, max_time=str(budget_s), max_epochs=10**6, validation=0.0)
+        rule = OptimizerSettings(lr=RATE, batch_size=BATCH, schedule="constant")
+    start = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        surrogate = model.fit(
+            Training(task.samples, task.scene, losses, trainer, rule, 0, Path(folder), {}, callbacks=callbacks)
+        )
+    return surrogate, time.perf_counter() - start
 
 
-def main(fingers: list[str]) -> None:
-    """Print a table of errors over unseen points and of the time for training and five predicted snapshots."""
+def _mse_of(task: Task, surrogate: Any) -> tuple[float, float]:
+    error = surrogate.predict(task.snapshots.points, task.snapshots.pressures_kpa) - task.snapshots.displacements
+    x, z = (np.delete(error.reshape(-1, 2), task.train, axis=0) ** 2).mean(axis=0)
+    return float(x), float(z)
+
+
+def deepxde(task: Task) -> Outcome:
+    """DeepXDE on PyTorch, with a data set of its own kind, so that residuals are taken at the 512 points alone."""
+    os.environ["DDE_BACKEND"] = "pytorch"
+    import deepxde as dde
+
+    rng = np.random.default_rng(0)
+    inputs, targets = task.inputs.numpy(), task.targets.numpy()
+
+    class Points(dde.data.Data):
+        def losses(self, targets: Any, outputs: Any, loss_fn: Any, inputs: Any, model: Any, aux: Any = None) -> Any:
+            residuals = task.residuals(lambda c, i, j: dde.grad.hessian(outputs, inputs, component=c, i=i, j=j))
+            data = sum((outputs[:, i] - targets[:, i]).square().mean() for i in range(2))
+            return [data, task.weight * sum(residual.square().mean() for residual in residuals)]
+
+        def train_next_batch(self, batch_size: int | None = None) -> Any:
+            chosen = rng.integers(len(inputs), size=BATCH)
+            return inputs[chosen], targets[chosen]
+
+        def test(self) -> Any:
+            return inputs[:2], targets[:2]
+
+    return _trained_by_deepxde(task, Points(), None, [])
+
+
+def deepxde_standard(task: Task) -> Outcome:
+    """DeepXDE on PyTorch with its own `PDE` and `PointSetBC`, as in its examples."""
+    os.environ["DDE_BACKEND"] = "pytorch"
+    import deepxde as dde
+
+    inputs = task.inputs.numpy()
+
+    def pde(inputs: Any, outputs: Any) -> list[Tensor]:
+        return task.residuals(lambda c, i, j: dde.grad.hessian(outputs, inputs, component=c, i=i, j=j))
+
+    known = dde.icbc.PointSetBC(inputs, task.targets.numpy(), component=[0, 1], batch_size=BATCH)
+    fixed = inputs[np.random.default_rng(0).integers(len(inputs), size=BATCH)]
+    box = dde.geometry.Hypercube(inputs.min(axis=0), inputs.max(axis=0))
+    data = dde.data.PDE(box, pde, [known], anchors=fixed)
+    # its mean is over both components, ours a sum of two means
+    weights = [task.weight, task.weight, 2.0]
+    return _trained_by_deepxde(task, data, weights, [dde.callbacks.PDEPointResampler(period=1, pde_points=False)])
+
+
+def _trained_by_deepxde(task: Task, data: Any, weights: list[float] | None, callbacks: list[Any]) -> Outcome:
+    import deepxde as dde
+
+    network = dde.nn.FNN([3, *[WIDTH] * DEPTH, 2], "tanh", "Glorot uniform")
+    network.apply_feature_transform(task.scaled)
+    network.apply_output_transform(lambda _, outputs: task.unscaled(outputs))
+    model = dde.Model(data, network)
+    model.compile("adam", lr=RATE, loss_weights=weights, verbose=0)
+    model.train(iterations=3, display_every=10**9, verbose=0)  # the first steps set up more than they learn
+    first, start, began = model.train_state.step, time.perf_counter(), time.thread_time()
+
+    class Stop(dde.callbacks.Callback):
+        def on_epoch_end(self) -> None:
+            self.model.stop_training = time.perf_counter() - start >= task.seconds
+
+    model.train(iterations=10**6, display_every=10**9, verbose=0, callbacks=[*callbacks, Stop()])
+    seconds, steps = time.thread_time() - began, model.train_state.step - first
+    return seconds / steps, *task.mse(network)
+
+
+def pina(task: Task) -> Outcome:
+    """PINA with two conditions on the same points."""
+    import logging
+
+    from lightning.pytorch.callbacks import Timer
+    from pina import Condition, LabelTensor, Trainer
+    from pina.equation import Equation
+    from pina.operator import grad
+    from pina.optim import TorchOptimizer
+    from pina.problem import BaseProblem
+    from pina.solver import PhysicsInformedSingleModelSolver
+    from pina.weighting import ScalarWeighting
+
+    names, axes = ["ux", "uz"], ["x", "z"]
+
+    def residual(inputs: Any, outputs: Any) -> Any:
+        first = grad(outputs, inputs, components=names, d=axes)
+
+        def second(component: int, i: int, j: int) -> Any:
+            along = f"d{names[component]}d{axes[i]}"
+            return grad(first, inputs, components=[along], d=[axes[j]]).as_subclass(torch.Tensor)[:, 0]
+
+        return torch.stack(task.residuals(second), dim=1)
+
+    class Network(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            sizes = [3, *[WIDTH] * DEPTH]
+            layers = [part for a, b in zip(sizes[:-1], sizes[1:], strict=True)
+                      for part in (torch.nn.Linear(a, b), torch.nn.Tanh())]  # fmt: skip
+            self.layers = torch.nn.Sequential(*layers, torch.nn.Linear(WIDTH, 2))
+
+        def forward(self, inputs: Any) -> Any:
+            return task.unscaled(self.layers(task.scaled(inputs.as_subclass(torch.Tensor))))
+
+    points = LabelTensor(task.inputs.clone(), ["x", "z", "p"])
+    values = LabelTensor(task.targets.clone(), names)
+
+    class Finger(BaseProblem):
+        input_variables = ["x", "z", "p"]
+        output_variables = names
+        conditions = {
+            "data": Condition(input=points, target=values),
+            "physics": Condition(input=points, equation=Equation(residual)),
+        }
+
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    network = Network()
+    # its mean is over both components, ours a sum of two means: factors 2 make the objectives equal
+    weighting = ScalarWeighting({"data": 2.0, "physics": 2 * task.weight})
+    solver = PhysicsInformedSingleModelSolver(
+        Finger(), network, optimizer=TorchOptimizer(torch.optim.Adam, lr=RATE), weighting=weighting
+    )
+    steps = Steps()
+    trainer = Trainer(
+        solver, batch_size=BATCH, max_epochs=10**6, accelerator="cpu", enable_progress_bar=False, logger=False,
+        enable_checkpointing=False, enable_model_summary=False,
+        callbacks=[Timer(timedelta(seconds=task.seconds)), steps],
+    )  # fmt: skip
+    trainer.train()
+    return steps.seconds_each, *task.mse(network)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--finger", default="pneunet")
+    parser.add_argument("--seconds", type=float, default=30)
+    parser.add_argument("--weight", type=float, default=1e-4, help="of the residual")
+    given = parser.parse_args()
     discover()
-    print(f"{'finger':<9}{'method':<62}{'MSE x [mm²]':>12}{'MSE z [mm²]':>12}{'time [s]':>10}")
-    for name in fingers:
-        finger = plugin("finger", name)()
-        snapshots, *_ = simulate(finger, plugin("fem", "solid")(), Observation(), paths.RUNS / "snapshots")
-        train = plugin("split", "random")().train_points(snapshots, 0)
-        unseen = np.ones(snapshots.displacements.shape[:2], dtype=bool)
-        unseen.flat[train] = False
-        training = Training(
-            Samples.of(snapshots, train), Scene.of(finger, snapshots), {}, TrainerSettings(), OptimizerSettings(), 0,
-            Path(), {},
-        )  # fmt: skip
-        for title, rule in RULES.items():
-            start = time.perf_counter()
-            predicted = rule(training, snapshots)
-            seconds = time.perf_counter() - start
-            error = predicted - snapshots.displacements[EVERY - 1 :: EVERY]
-            x, z = (error[unseen[EVERY - 1 :: EVERY]] ** 2).mean(axis=0)
-            print(f"{name:<9}{title:<62}{x:>12.1e}{z:>12.1e}{seconds:>10.1f}", flush=True)
+    torch.set_num_threads(1)
+    finger = plugin("finger", given.finger)()
+    snapshots, *_ = cache.simulate(finger, plugin("fem", "solid")(), Observation(), paths.RUNS / "snapshots")
+    train = plugin("split", "random")().train_points(snapshots, 0)
+    task = Task(snapshots, train, Scene.of(finger, snapshots), given.weight, given.seconds)
+    torch.manual_seed(0)
+    print(f"{given.finger}, random split, {given.seconds:g} s each, residual's weight {given.weight:g}")
+    print(f"{'':<24}{'step [ms]':>10}{'× ours':>8}{'MSE x [mm²]':>13}{'MSE z [mm²]':>13}")
+    methods: dict[str, tuple[Callable[[Task], Outcome], str | None]] = {
+        "pgdl_lab, same network": (ours, None),
+        "DeepXDE, 512 points": (deepxde, "deepxde"),
+        "DeepXDE, 512 + 512": (deepxde_standard, "deepxde"),
+        "PINA": (pina, "pina"),
+    }
+    least = float("nan")
+    for name, (method, package) in methods.items():
+        if package is not None and find_spec(package) is None:
+            print(f"{name:<24}is not installed: pip install -c constraints.txt -e '.[bench]'")
+            continue
+        seconds, x, z = method(task)
+        least = seconds if package is None else least
+        print(f"{name:<24}{1e3 * seconds:>10.1f}{seconds / least:>8.1f}{x:>13.2e}{z:>13.2e}", flush=True)
+    seconds, x, z = default(task)
+    print(f"{f'default, {seconds:.0f} s in all':<24}{'–':>10}{'–':>8}{x:>13.2e}{z:>13.2e}")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or ["pneunet"])
+    main()

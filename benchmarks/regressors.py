@@ -1,0 +1,118 @@
+"""What standard regressors make of the same training points, beside the lab's models that are fitted in seconds.
+
+    python benchmarks/regressors.py [finger ...]
+
+Trees and thin-plate splines are compared here alone; the Gaussian process is a model of the lab. Snapshots of a finger
+are taken from the cache, or simulated; the split is `random`.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
+from sklearn.ensemble import ExtraTreesRegressor
+
+from pgdl_lab import paths
+from pgdl_lab.cache import simulate
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.registry import discover, plugin
+from pgdl_lab.snapshots import Observation, Snapshots
+
+Floats = NDArray[np.float64]
+Rule = Callable[[Training, Snapshots], Floats]
+
+MODES = 12  # eigenfunctions of the body that stand for the place, where (x, z) does not tell chambers apart
+EVERY = 20  # every 20th snapshot is predicted: local interpolation of all takes minutes
+
+
+def _plane(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
+    """Training inputs (n, 3), and those (N, 3) of every predicted snapshot."""
+    samples = training.samples
+    return _inputs(snapshots, snapshots.points, samples.points_mm, samples.pressures_kpa)
+
+
+def _body(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
+    """The same with the body's Laplace eigenfunctions in place of x and z, the slow ones weighing more."""
+    from pgdl_lab.learning.triangulation import Triangulation
+
+    body = Triangulation(snapshots.points, snapshots.triangles)
+    modes, values = body.modes(MODES)
+    modes = modes * np.sqrt(values[0] / values)
+    corners, weights = body.locate(training.samples.points_mm)
+    return _inputs(snapshots, modes, np.einsum("nc,ncm->nm", weights, modes[corners]), training.samples.pressures_kpa)
+
+
+def _inputs(snapshots: Snapshots, place: Floats, trained: Floats, kpa: Floats) -> tuple[Floats, list[Floats]]:
+    size, highest = place.std(axis=0).max(), snapshots.pressures_kpa[-1] / 2
+    return np.column_stack([trained / size, kpa / highest]), [
+        np.column_stack([place / size, np.full(len(place), p / highest)])
+        for p in snapshots.pressures_kpa[EVERY - 1 :: EVERY]
+    ]
+
+
+def _fitted(inputs: Callable[..., tuple[Floats, list[Floats]]], regressor: Any) -> Rule:
+    """`regressor`, of scikit-learn, on `inputs`."""
+
+    def rule(training: Training, snapshots: Snapshots) -> Floats:
+        trained, asked = inputs(training, snapshots)
+        regressor.fit(trained, training.samples.displacements_mm)
+        return np.stack([regressor.predict(each) for each in asked])
+
+    return rule
+
+
+def _rbf(training: Training, snapshots: Snapshots) -> Floats:
+    trained, asked = _plane(training, snapshots)
+    interpolant = RBFInterpolator(trained, training.samples.displacements_mm, neighbors=50)
+    return np.stack([interpolant(each) for each in asked])
+
+
+def _ours(name: str) -> Rule:
+    def rule(training: Training, snapshots: Snapshots) -> Floats:
+        surrogate = plugin("model", name)().fit(training)
+        return np.asarray(surrogate.predict(snapshots.points, snapshots.pressures_kpa[EVERY - 1 :: EVERY]))
+
+    return rule
+
+
+RULES: dict[str, Rule] = {
+    "trees on x, z, p": _fitted(_plane, ExtraTreesRegressor(100, random_state=0)),
+    "trees on eigenfunctions, p": _fitted(_body, ExtraTreesRegressor(100, random_state=0)),
+    "thin-plate RBF, 50 neighbours": _rbf,
+    "gaussian_process": _ours("gaussian_process"),
+    "finite_element": _ours("finite_element"),
+    "pod": _ours("pod"),
+}
+
+
+def main(fingers: list[str]) -> None:
+    """Print a table of errors over unseen points and of the time for training and five predicted snapshots."""
+    discover()
+    print(f"{'finger':<9}{'method':<62}{'MSE x [mm²]':>12}{'MSE z [mm²]':>12}{'time [s]':>10}")
+    for name in fingers:
+        finger = plugin("finger", name)()
+        snapshots, *_ = simulate(finger, plugin("fem", "solid")(), Observation(), paths.RUNS / "snapshots")
+        train = plugin("split", "random")().train_points(snapshots, 0)
+        unseen = np.ones(snapshots.displacements.shape[:2], dtype=bool)
+        unseen.flat[train] = False
+        training = Training(
+            Samples.of(snapshots, train), Scene.of(finger, snapshots), {}, TrainerSettings(), OptimizerSettings(), 0,
+            Path(), {},
+        )  # fmt: skip
+        for title, rule in RULES.items():
+            start = time.perf_counter()
+            predicted = rule(training, snapshots)
+            seconds = time.perf_counter() - start
+            error = predicted - snapshots.displacements[EVERY - 1 :: EVERY]
+            x, z = (error[unseen[EVERY - 1 :: EVERY]] ** 2).mean(axis=0)
+            print(f"{name:<9}{title:<62}{x:>12.1e}{z:>12.1e}{seconds:>10.1f}", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or ["pneunet"])
