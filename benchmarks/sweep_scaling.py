@@ -1,13 +1,14 @@
 """How many workers a study bears: empty trials per second and waits for its locks, on a journal file and PostgreSQL.
 
-    python benchmarks/sweep_scaling.py [--trials 5000] [--workers 1 4 16 64] [--storages journal postgresql]
+    python benchmarks/sweep_scaling.py [--trials 5000] [--workers 1 4 16 64] [--storages journal postgresql tables]
 
 Every worker is a process that claims trials and tells their values through `SharedStudy`, as a search does, without
 Hydra, MLflow and training. All of them run on this machine: it does the computing of 64 machines, so what it shows for
 many workers is a lower bound, while the waits for the locks are those of a real search. Two settings are drawn at
 random, as the time of a sampler is Optuna's. "busy" is the share of the time in which some worker holds the lock of the
 study: what is left of it is what more workers could use. "a worker's CPU" is what a trial costs its worker; with the
-journal each of them reads what all others write.
+journal, be it a file or in PostgreSQL, each of them reads what all others write. For comparison, "tables" are Optuna's
+own in PostgreSQL (`RDBStorage`): a hundred trials tell.
 """
 
 import argparse
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+from optuna.storages import BaseStorage, RDBStorage
 from optuna.trial import TrialState
 from rich.console import Console
 from rich.table import Table
@@ -36,6 +38,7 @@ from pgdl_lab.search.study import SharedStudy
 from tests import postgres
 
 SPACE = ("a=interval(0,1)", "b=interval(0,1)")
+KINDS = ["journal", "postgresql", "tables"]
 FORK = multiprocessing.get_context("fork")  # 64 times the import of Optuna would take minutes
 
 
@@ -58,21 +61,26 @@ class Timed(KernelLock):
         super().release()
 
 
-def work(folder: Path, url: str | None, trials: int, barrier: Barrier, results: Any) -> None:
+def opened(kind: str, url: str | None, folder: Path) -> BaseStorage:
+    """The storage of this kind."""
+    return RDBStorage(url) if kind == "tables" and url else open_storage(url, folder)
+
+
+def work(kind: str, folder: Path, url: str | None, trials: int, barrier: Barrier, results: Any) -> None:
     """One worker; what it measured goes into `results`, or why it could not."""
     try:
-        results.put(worked(folder, url, trials, barrier))
+        results.put(worked(kind, folder, url, trials, barrier))
     except Exception as error:
         results.put(repr(error))
         barrier.abort()
 
 
-def worked(folder: Path, url: str | None, trials: int, barrier: Barrier) -> tuple[float, ...]:
+def worked(kind: str, folder: Path, url: str | None, trials: int, barrier: Barrier) -> tuple[float, ...]:
     """Start, end, number of trials, time waited for the lock, time that it was held and processor time [s]."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     sampler = {"_target_": "optuna.samplers.RandomSampler", "seed": 0}
     settings = SearchSettings("scaling", n_trials=trials, objectives=["value"], sampler=sampler)
-    storage = open_storage(url, folder)
+    storage = opened(kind, url, folder)
     study = SharedStudy(folder, settings, storage, parse({}, SPACE), {})
     lock = study.lock = Timed(study.lock)
     barrier.wait()
@@ -86,10 +94,11 @@ def worked(folder: Path, url: str | None, trials: int, barrier: Barrier) -> tupl
     return start, end, count, lock.waited, lock.held, used
 
 
-def measure(workers: int, url: str | None, trials: int, folder: Path) -> list[str]:
+def measure(kind: str, workers: int, url: str | None, trials: int, folder: Path) -> list[str]:
     """A row of the table."""
+    opened(kind, url, folder)  # the tables of Optuna cannot be made by several at once
     barrier, results = FORK.Barrier(workers), FORK.SimpleQueue()
-    processes = [FORK.Process(target=work, args=(folder, url, trials, barrier, results)) for _ in range(workers)]
+    processes = [FORK.Process(target=work, args=(kind, folder, url, trials, barrier, results)) for _ in range(workers)]
     for process in processes:
         process.start()
     found: list[Any] = [results.get() for _ in processes]
@@ -99,7 +108,7 @@ def measure(workers: int, url: str | None, trials: int, folder: Path) -> list[st
         raise SystemExit(f"{len(failed)} workers failed, the first with {failed[0]}")
     starts, ends, counts, waited, held, cpu = zip(*found, strict=True)
     seconds = max(ends) - min(starts)
-    told = optuna.load_study(study_name="scaling", storage=open_storage(url, folder)).get_trials(deepcopy=False)
+    told = optuna.load_study(study_name="scaling", storage=opened(kind, url, folder)).get_trials(deepcopy=False)
     complete = [trial for trial in told if trial.state is TrialState.COMPLETE]
     drawn = {(trial.params["a"], trial.params["b"]) for trial in complete}
     if not len(told) == len(complete) == len(drawn) == sum(counts) == trials:
@@ -119,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--trials", type=int, default=5000)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 4, 16, 64])
-    parser.add_argument("--storages", nargs="+", default=["journal", "postgresql"], choices=["journal", "postgresql"])
+    parser.add_argument("--storages", nargs="+", default=KINDS[:2], choices=KINDS)
     chosen = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the server ends with this program
     table = Table(title=f"{chosen.trials} empty trials on one study, {os.cpu_count()} cores for all workers")
@@ -140,9 +149,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             with ExitStack() as stack:
                 folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 url = None
-                if storage == "postgresql":
+                if storage != "journal":
                     url = stack.enter_context(postgres.server("max_connections=200"))
-                row = (storage, str(workers), *measure(workers, url, chosen.trials, folder))
+                row = (storage, str(workers), *measure(storage, workers, url, chosen.trials, folder))
                 table.add_row(*row)
                 print(*row, flush=True)
     Console(width=120).print(table)

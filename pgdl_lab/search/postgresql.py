@@ -25,6 +25,9 @@ _READ = "SELECT entry FROM pgdl_lab_journal WHERE study = %s AND number >= %s OR
 _APPEND = """INSERT INTO pgdl_lab_journal
     SELECT %(study)s, coalesce(max(number) + 1, 0), %(entry)s FROM pgdl_lab_journal WHERE study = %(study)s"""
 
+_FLUSH = "SELECT pg_logical_emit_message(true, 'pgdl_lab', '')"
+"""Writes nothing but a mark into PostgreSQL's log, whose commit waits until all before it is on the disk."""
+
 
 class PostgresJournal(BaseJournalBackend):
     """Journal in a table, read or written in one round trip to the server.
@@ -73,10 +76,12 @@ class PostgresJournal(BaseJournalBackend):
         return [json.loads(entry) for (entry,) in rows]
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        with self._connection() as connection, connection.pipeline(), connection.transaction():
-            # A statement of its own: the next one sees what is there when it begins, and numbers the entry by that.
-            connection.execute(_LOCK, (self._study,))
-            for log in logs:
-                connection.execute(_APPEND, {"study": self._study, "entry": json.dumps(log, separators=(",", ":"))})
-            if not any(map(ends_a_trial, logs)):
-                connection.execute("SET LOCAL synchronous_commit = off")
+        with self._connection() as connection, connection.pipeline():
+            with connection.transaction():
+                # A statement of its own: the next one sees what is there when it begins, and numbers the entry by that.
+                connection.execute(_LOCK, (self._study,))
+                for log in logs:
+                    connection.execute(_APPEND, {"study": self._study, "entry": json.dumps(log, separators=(",", ":"))})
+                connection.execute("SET LOCAL synchronous_commit = off")  # nobody waits for the disk behind the lock
+            if any(map(ends_a_trial, logs)):
+                connection.execute(_FLUSH)

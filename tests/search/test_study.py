@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from optuna.storages.journal._storage import JournalOperation
 from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.errors import InputError, LabError
@@ -67,6 +68,14 @@ def test_entries_in_postgresql_are_numbered_without_gaps_whoever_writes(database
     assert all([log["count"] for log in kept if log["worker"] == worker] == list(range(25)) for worker in range(4))
     assert [journal.read_logs(start) for start in (40, 99, 100)] == [kept[40:], kept[99:], []]
     assert PostgresJournal(database, "another").read_logs(0) == []
+
+
+def test_the_end_of_a_trial_is_on_the_disk(database: str) -> None:
+    journal = PostgresJournal(database, "flushed")
+    for _ in range(5):  # PostgreSQL flushes by itself five times a second
+        journal.append_logs([{"op_code": JournalOperation.SET_TRIAL_STATE_VALUES, "values": [0.0] * 200}])
+        asked = journal._open.execute("SELECT pg_current_wal_flush_lsn() >= pg_current_wal_insert_lsn()").fetchone()
+        assert asked == (True,)
 
 
 def test_a_connection_that_the_server_closed_is_opened_again(database: str) -> None:
