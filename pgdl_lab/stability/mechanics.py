@@ -85,8 +85,11 @@ def stresses(finger: Finger, quick: bool) -> Iterator[Stress]:
     for mode in levels("on", "as it is set", "off"):
         given = {} if mode == "as it is set" else {"contact": mode}
         yield Stress("contact sets in", mode, touching, given, needs=next(iter(given), ""))
-    for size in levels(0.0, 0.03, 0.3, 1.0):
-        yield Stress("poor predictor", f"{size:g} mm off", finger, {}, partial(_shaken, size), needs="newton_mm")
+    for told, stretch, size in levels(
+        ("as it is", 1.0, 0.0), ("the last equilibrium", 0.0, 0.0), ("too far by half", 1.5, 0.0),
+        ("0.03 mm off", 1.0, 0.03), ("0.3 mm off", 1.0, 0.3), ("1 mm off", 1.0, 1.0),
+    ):  # fmt: skip
+        yield Stress("poor predictor", told, finger, {}, partial(_misled, stretch, size), needs="newton_mm")
 
 
 def models(stress: Stress) -> list[str]:
@@ -182,12 +185,16 @@ def _steps(count: int) -> Iterator[None]:
 
 
 @contextmanager
-def _shaken(size_mm: float) -> Iterator[None]:
-    """Let every Newton iteration start up to `size_mm` off at random [mm]."""
+def _misled(stretch: float, size_mm: float) -> Iterator[None]:
+    """Let Newton's method start `stretch` times as far from the nearest equilibrium and up to `size_mm` off."""
     rng, solve = np.random.default_rng(0), finite_strain.LoadLeg.solve
 
-    def shaken(leg: finite_strain.LoadLeg, start: Any, parameter: float) -> Any:
-        return solve(leg, start + size_mm * rng.uniform(-1, 1, start.shape) * leg.equilibrium.free, parameter)
+    def misled(leg: finite_strain.LoadLeg, start: Any, parameter: float) -> Any:
+        if leg._found:  # nothing was predicted before
+            before = leg._found[min(leg._found, key=lambda known: abs(known - parameter))]
+            off = size_mm * rng.uniform(-1, 1, start.shape) * leg.equilibrium.free
+            start = before + stretch * (start - before) + off
+        return solve(leg, start, parameter)
 
-    with _set(finite_strain.LoadLeg, "solve", shaken):
+    with _set(finite_strain.LoadLeg, "solve", misled):
         yield

@@ -30,7 +30,9 @@ def draw(trials: Sequence[Trial], path: Path) -> None:
     )  # fmt: skip
     for panel, part in zip(panels[:, 0], parts, strict=True):
         _map(panel, {key: cell for key, cell in found.items() if cell.trials[0].part == part}, *listed[part])
-        panel.set_title(f"{part}: successes of trials, median error of the successes", loc="left", fontsize=10)
+        panel.set_title(
+            f"{part}: successes of trials and their median error; how the others ended", loc="left", fontsize=10
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=140)
@@ -54,10 +56,11 @@ def _map(panel: Any, found: dict[tuple[str, str], Cell], axes: list[str], method
         panel.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, color=colour, lw=0))
         if cell.silent:
             panel.add_patch(Rectangle((x - 0.46, y - 0.44), 0.92, 0.88, fill=False, ec="red", lw=2.5, zorder=3))
-        text = "refused" if refused else f"{cell.ok}/{len(cell.trials)}"
-        text += f"\n{record['median_error']:.1%}" if record["median_error"] is not None else ""
-        text += f"\n{cell.silent} silent" if cell.silent else ""
-        panel.text(x, y, text, ha="center", va="center", fontsize=8)
+        text = f"{cell.ok}/{len(cell.trials)}"
+        text += f", {record['median_error']:.1%}" if record["median_error"] is not None else ""
+        text += "".join(f"\n{record[mode]} {mode}" for mode in MODES[1:] if record[mode])
+        text += f"\n{cell.silent} SILENT" if cell.silent else ""
+        panel.text(x, y, text, ha="center", va="center", fontsize=7.5, linespacing=1.1)
     panel.set(xlim=(-0.5, len(axes) - 0.5), ylim=(len(methods) - 0.5, -0.5))
     panel.set_xticks(range(len(axes)), [axis.replace(" ", "\n", 1) for axis in axes], fontsize=8)
     panel.set_yticks(range(len(methods)), methods, fontsize=9)
