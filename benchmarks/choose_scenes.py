@@ -56,7 +56,7 @@ class Scene:
 SCENES = {
     "pneunet": Scene(("finger=pneunet",), (1.0, 0.1, 0.01)),
     "joints": Scene(("finger=joints",), (1.0, 0.1, 0.01)),
-    "bellows": Scene(("finger=bellows",), (1.0, 0.1, 0.01), 3.5),
+    "bellows": Scene(("finger=bellows",), (1.0, 0.1, 0.01)),
     "three_chambers": Scene(("finger=pneunet", "finger.chambers=3"), (1.0, 0.1, 0.01)),
     "one_joint": Scene(("finger=joints", "finger.joints=1", "finger.chambers=2"), (1.0, 0.1, 0.01)),
     "thin_walls": Scene(
