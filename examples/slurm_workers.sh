@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Many workers on one search, one per task of an array; each claims trials until the study is done:
 #
-#   sbatch --array=1-64 examples/slurm_workers.sh sweep=architecture hydra.sweeper.storage=postgresql+psycopg://lab@db/lab
+#   sbatch --array=1-64 examples/slurm_workers.sh sweep=architecture hydra.sweeper.storage=postgresql://lab@db/lab
 #
 # The folder runs/ must be the same for all of them. A task that is stopped or killed loses nothing: another worker takes
 # up its trial.

@@ -26,6 +26,7 @@ UNITS = {"mm2": "mm²", "mm": "mm", "ms": "ms", "seconds": "s", MISFIT: "toleran
 FEWEST = 4  # complete trials that say something about importances
 FEW = 5  # different numbers that are all told on an axis
 LACKING = -0.1  # where a line passes that has no such setting
+DENSE = 500.0  # the same up to which it has three labels per decade
 RATIO = 20.0  # greatest over least value from which on an axis is logarithmic
 
 
@@ -146,8 +147,7 @@ def _slices(
         mine, cut = ([t for t in some if name in t.params] for some in (trials, pruned))
         values = [trial.params[name] for trial in mine]
         if _numeric(values):
-            if _logarithmic(values):
-                axis.set_xscale("log")
+            _scale(axis, "x", values, logarithmic=getattr(mine[0].distributions[name], "log", False))
             places = values
             above = [trial.params[name] for trial in cut]
         else:
@@ -193,7 +193,8 @@ def _numeric(values: Sequence[Any]) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def _logarithmic(values: Sequence[float]) -> bool:
+def _spread(values: Sequence[float]) -> bool:
+    """Whether values spread too widely for an even axis."""
     return min(values) > 0 and max(values) / min(values) > RATIO
 
 
@@ -201,7 +202,7 @@ def _unit(values: Sequence[Any]) -> tuple[np.ndarray, dict[float, str]]:
     """Values placed from 0 to 1, and the labels of places; settings that a trial lacks lie below."""
     there = [value for value in values if value is not None]
     if _numeric(there):
-        scaled = {value: float(np.log(value)) if _logarithmic(there) else float(value) for value in there}
+        scaled = {value: float(np.log(value)) if _spread(there) else float(value) for value in there}
         low, span = min(scaled.values()), (max(scaled.values()) - min(scaled.values())) or 1.0
         places: dict[Any, float] = {value: (scaled[value] - low) / span for value in there}
         few = sorted(places) if len(places) <= FEW else [min(there), max(there)]
@@ -238,12 +239,13 @@ def _pareto(
     axis.legend()
 
 
-def _scale(axes: Axes, which: str, values: Sequence[float]) -> None:
+def _scale(axes: Axes, which: str, values: Sequence[float], logarithmic: bool = False) -> None:
+    """Make an axis logarithmic where that is asked for or the values spread widely."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    if _logarithmic(values):
+    if logarithmic or _spread(values):
         axes.set(**{f"{which}scale": "log"})
         axis = getattr(axes, f"{which}axis")
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if max(values) < DENSE * min(values) else (1.0,)))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.set_minor_formatter(NullFormatter())
