@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.inverse import Answer, Inverse
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.deploy.query import points_of, pressures_of
+from pgdl_lab.deploy.shapes import Shapes
 from pgdl_lab.errors import InputError
 from pgdl_lab.files import replacing
 
@@ -93,7 +94,11 @@ class Surrogate(ABC):
     outside
         What a question is answered with that the surrogate was not trained for, a pressure outside the trained ones or
         a point off the body: "warn" (once for each of the two), "raise" or "ignore".
+    shapes
+        What `state` must look like.
     """
+
+    shapes: ClassVar[Shapes] = {}
 
     def __init__(self, model: Mapping[str, Any], record: Record) -> None:
         self.model = dict(model)

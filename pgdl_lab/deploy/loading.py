@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.deploy.face_mesh import FaceMesh
+from pgdl_lab.deploy.shapes import FLOATS, INDICES, Shapes, require
 from pgdl_lab.errors import InputError
 from pgdl_lab.surrogate import FORMAT, VERSION, Face, Record, Surrogate
+
+FACE: Shapes = {"points_mm": (FLOATS, "N", 2), "triangles": (INDICES, "T", 3), "base": (INDICES, "B")}
 
 
 def load(path: str | Path, outside: str = "warn") -> Surrogate:
@@ -80,20 +83,39 @@ def _restored(path: Path, content: Mapping[str, Any]) -> Surrogate:
 
 
 def _face(arrays: Mapping[str, NDArray[Any]]) -> Face:
-    points, triangles, base = arrays["points_mm"], arrays["triangles"], arrays["base"]
-    for indices in (triangles, base):
-        if not indices.size or not 0 <= indices.min() <= indices.max() < len(points):
-            raise ValueError("a point is missing")
-    return Face(FaceMesh(points, triangles), base)
+    require(arrays, FACE)
+    mesh = _mesh(arrays)
+    base = arrays["base"]
+    if len(base) < 2 or not 0 <= base.min() <= base.max() < len(mesh.points_mm):
+        raise ValueError("a point is missing")
+    return Face(mesh, base)
+
+
+def _mesh(arrays: Mapping[str, NDArray[Any]]) -> FaceMesh:
+    """The triangulated body among `arrays`, in which every point can be located."""
+    points, triangles = arrays["points_mm"], arrays["triangles"]
+    if not np.isfinite(points).all() or not 0 <= triangles.min() <= triangles.max() < len(points):
+        raise ValueError("a point is missing")
+    mesh = FaceMesh(points, triangles)
+    if not len(mesh.outline) or not np.isfinite(mesh.affine[1]).all():
+        raise ValueError("the triangles are no body")
+    return mesh
 
 
 def _works(surrogate: Surrogate) -> bool:
-    """Whether all numbers are finite and one question is answered."""
-    arrays = surrogate.state().values()
-    if not all(np.isfinite(array).all() for array in arrays):
+    """Whether the state is as it must be, all numbers are finite and two questions are answered."""
+    state = surrogate.state()
+    require(state, surrogate.shapes)
+    if not all(np.isfinite(array).all() for array in state.values()):
         return False
-    ranges = surrogate.record.ranges
-    if not all(len(bounds) == 2 and np.isfinite(bounds).all() for bounds in ranges.values()):
+    if "triangles" in state:
+        _mesh(state)
+    ranges = {name: (float(low), float(high)) for name, (low, high) in surrogate.record.ranges.items()}
+    if not all(np.isfinite(bounds).all() for bounds in ranges.values()):
         return False
+    low, high = ranges["pressure_kpa"]
     point = np.zeros((1, 2)) if surrogate.record.face is None else surrogate.face.mesh.points_mm[:1]
-    return surrogate.probe(point).value(1.0).shape == (1, 2)
+    answers, bars = surrogate.probe(point).values(np.array([low, high])), surrogate.bars(point, np.array([low, high]))
+    if bars is not None and not (bars.shape == (2, 1) and np.isfinite(bars).all()):
+        return False
+    return answers.shape == (2, 1, 2) and bool(low <= high and np.isfinite(answers).all())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.probe import PolynomialProbe, polynomials
+from pgdl_lab.deploy.shapes import FLOATS, INDICES
 from pgdl_lab.surrogate import Record, Surrogate
 
 AT_NODE = 1e-9  # weight of other nodes below which a point is one
@@ -30,7 +31,7 @@ class NodalSurrogate(Surrogate):
     state
         "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "modes" (N, K, 2); "amplitudes" (D, K) [mm],
         Chebyshev coefficients of the amplitudes of the K modes; "range_kpa" (2,), pressures mapped to −1 … 1. With
-        error bars also "spread" (N, K, K), square roots of the modes' covariance at the nodes; "noise_mm" (); "bar_kpa"
+        error bars also "spread" (N, K, L), square roots of the modes' covariance at the nodes; "noise_mm" (); "bar_kpa"
         (B,) and "bar_deviations" (B,), pressures and the number of standard deviations that make a bar there.
 
     Attributes
@@ -38,6 +39,18 @@ class NodalSurrogate(Surrogate):
     coefficients_mm
         (N, D, 2), Chebyshev coefficients of the displacement of the nodes [mm].
     """
+
+    shapes = {
+        "points_mm": (FLOATS, "N", 2),
+        "triangles": (INDICES, "T", 3),
+        "modes": (FLOATS, "N", "K", 2),
+        "amplitudes": (FLOATS, "D", "K"),
+        "range_kpa": (FLOATS, 2),
+        "spread": (FLOATS, "N", "K", "L"),
+        "noise_mm": (FLOATS,),
+        "bar_kpa": (FLOATS, "B"),
+        "bar_deviations": (FLOATS, "B"),
+    }
 
     def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
         super().__init__(model, record)
