@@ -205,17 +205,19 @@ def draw(charts: dict[str, list[tuple[Case, float, float]]]) -> None:
             even = [(s, e) for case, s, e in chart if case.element == element and case.label.count(",") == 1]
             panel.plot(*zip(*sorted(even), strict=True), "o-", color=f"C{number}", label=element)
             other = [(c, s, e) for c, s, e in chart if c.element == element and c.label.count(",") > 1]
-            for case, seconds, error in other:
-                panel.plot(seconds, error, "s", color=f"C{number}", mfc="white")
+            for place, (case, seconds, error) in enumerate(other):
+                panel.plot(seconds, error, "s", color=f"C{number}", mfc="white", zorder=3)
                 short = "graded" if case.graded else case.label.split(", ")[-1]
+                beside = (0, 7) if place % 2 else (0, -14)  # those next to each other do not cover one another
                 panel.annotate(
-                    short, (seconds, error), textcoords="offset points", xytext=(0, 7), fontsize=8, ha="center"
+                    short, (seconds, error), textcoords="offset points", xytext=beside, fontsize=8, ha="center"
                 )
         panel.axhline(2, color="0.6", lw=0.8, ls=":")
         panel.set(xscale="log", yscale="log", title=scene, xlabel="time (s)", ylabel="error of the tip (%)")
         panel.grid(alpha=0.3, which="both")
         panel.margins(0.12)
-    panels[1].legend(title="edges 3, 1.5 (and 1) mm", loc="upper right", fontsize=9)
+    lines, labels = panels[1].get_legend_handles_labels()
+    figure.legend(lines, labels, title="edges 3, 1.5 (and 1) mm", loc="outside right upper", frameon=False)
     FIGURE.parent.mkdir(parents=True, exist_ok=True)
     with replacing(FIGURE) as temporary:
         figure.savefig(temporary, format="png", dpi=160)

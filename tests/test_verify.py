@@ -46,6 +46,9 @@ def test_failures_are_told_and_do_not_hide_other_rows(tmp_path: Path, monkeypatc
         verify.run(job(tmp_path, quick=False))
     rows = json.loads((tmp_path / "verify.json").read_text())
     assert [row["passed"] for row in rows] == [True, False, False, True]
+    page = (tmp_path / "verify.md").read_text(encoding="utf-8")
+    assert "2 of 4 checks passed" in page and page.count("**NO**") == 2
+    assert "| good [mm] | 1 | 1.05 | 0.1 | yes | made up |" in page and "| RuntimeError: broken | – |" in page
     with pytest.raises(LabError, match="2 of 3"):
         verify.run(job(tmp_path, quick=True))
 

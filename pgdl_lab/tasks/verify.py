@@ -25,7 +25,7 @@ COLUMNS = ("benchmark", "check", "reference", "obtained", "tolerance", "passed",
 
 
 def run(job: Job) -> None:
-    """Make all checks, or the quick ones, and write verify.json and verify.csv.
+    """Make all checks, or the quick ones, and write verify.json, verify.csv and, to be read, verify.md.
 
     Raises
     ------
@@ -72,6 +72,35 @@ def _write(folder: Path, rows: list[Row]) -> None:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
         writer.writerows(records)
+    with replacing(folder / "verify.md") as temporary:
+        temporary.write_text(_page(rows), encoding="utf-8")
+
+
+def _page(rows: list[Row]) -> str:
+    """All rows in Markdown."""
+    passed, seconds = sum(row.passed for row in rows), sum(row.seconds for row in rows)
+    lines = [
+        "# Verification of the mechanics",
+        "",
+        f"{passed} of {len(rows)} checks passed, in {seconds:.0f} s. A check passes where what was obtained differs "
+        "from its reference by the tolerance at most.",
+    ]
+    for name, group in groupby(rows, key=lambda row: row.benchmark):
+        lines += ["", f"## {name}", "", "| check | reference | obtained | tolerance | passed | source |"]
+        lines += ["| --- | --- | --- | --- | --- | --- |"]
+        for row in group:
+            figures, verdict = _figures(row), "yes" if row.passed else "**NO**"
+            told = (row.check.name, row.check.source) if row.check else (row.problem, "")
+            cells = (told[0], *figures, verdict, told[1])
+            lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _figures(row: Row) -> tuple[str, str, str]:
+    """Reference, what was obtained, and the tolerance."""
+    if row.check is None:
+        return "–", "–", "–"
+    return f"{row.check.reference:.6g}", f"{row.check.obtained:.6g}", f"{row.check.tolerance:.2g}"
 
 
 def _table(rows: list[Row]) -> Table:
@@ -83,9 +112,6 @@ def _table(rows: list[Row]) -> Table:
         table.add_row(Text(name, style="bold"))
         for row in group:
             verdict, seconds = "yes" if row.passed else "NO", f"{row.seconds:.1f}"
-            if row.check is None:
-                table.add_row(Text(row.problem), "–", "–", "–", verdict, seconds)
-                continue
-            figures = (f"{row.check.reference:.6g}", f"{row.check.obtained:.6g}", f"{row.check.tolerance:.2g}")
-            table.add_row(Text(row.check.name), *figures, verdict, seconds, Text(row.check.source))
+            told = (row.check.name, row.check.source) if row.check else (row.problem, "")
+            table.add_row(Text(told[0]), *_figures(row), verdict, seconds, Text(told[1]))
     return table
