@@ -43,6 +43,8 @@ DEFAULT = "hex27_p1"
 NEWTON_MM, INTERPOLATION_MM = 1e-6, 1e-2
 STORE = paths.RUNS / "elements.json"
 FIGURE = paths.ROOT / "docs" / "figures" / "elements.png"
+LABELS = (((-7, -3), "right"), ((7, -3), "left"), ((0, -14), "center"), ((0, 7), "center"))
+"""Where the names of the layered and graded meshes stand beside their points: offset and alignment."""
 
 
 @dataclass(frozen=True)
@@ -205,13 +207,10 @@ def draw(charts: dict[str, list[tuple[Case, float, float]]]) -> None:
             even = [(s, e) for case, s, e in chart if case.element == element and case.label.count(",") == 1]
             panel.plot(*zip(*sorted(even), strict=True), "o-", color=f"C{number}", label=element)
             other = [(c, s, e) for c, s, e in chart if c.element == element and c.label.count(",") > 1]
-            for place, (case, seconds, error) in enumerate(other):
+            for (case, seconds, error), (offset, side) in zip(other, LABELS, strict=False):
                 panel.plot(seconds, error, "s", color=f"C{number}", mfc="white", zorder=3)
                 short = "graded" if case.graded else case.label.split(", ")[-1]
-                beside = (0, 7) if place % 2 else (0, -14)  # those next to each other do not cover one another
-                panel.annotate(
-                    short, (seconds, error), textcoords="offset points", xytext=beside, fontsize=8, ha="center"
-                )
+                panel.annotate(short, (seconds, error), textcoords="offset points", xytext=offset, fontsize=8, ha=side)
         panel.axhline(2, color="0.6", lw=0.8, ls=":")
         panel.set(xscale="log", yscale="log", title=scene, xlabel="time (s)", ylabel="error of the tip (%)")
         panel.grid(alpha=0.3, which="both")
