@@ -3,10 +3,11 @@
     python benchmarks/latency.py [--seconds 0.3] [--loop 60] [--model hybrid]
 
 The default finger, its full field of 4,439 points and its tip, at one pressure that changes with every call; median and
-99th percentile on one and on two threads. Forms: `original` and `numpy` prepared for the points (`surrogate.at`), as a
-control loop does; `torch.export` and `onnx` look the points up in every call. Networks are trained for one epoch and
-what is learnt in rounds in one, as that does not matter here. Then a loop of 1 kHz: every millisecond a place for the
-tip becomes a pressure, and the pressure the tip and the full field.
+99th percentile on one thread and, if this process may use as many processors, on two, beside the size of the file and
+the largest difference from the original over 10,000 random queries. Forms: `original` and `numpy` prepared for the
+points (`surrogate.at`), as a control loop does; `torch.export` and `onnx` look the points up in every call. Networks
+are trained for one epoch and what is learnt in rounds in one, as that does not matter here. At the end a loop of 1 kHz:
+every millisecond a place for the tip becomes a pressure, and the pressure the tip and the full field.
 """
 
 import argparse
@@ -36,7 +37,7 @@ MODELS = {
     "mlp": ["model=mlp"],
     "the paper's 8×100": ["experiment=paper_random"],
 }
-LINE = "{:<18} {:<16} {:>6} {:>16} {:>16} {:>16} {:>16}"
+THREADS = [count for count in (1, 2) if count <= len(os.sched_getaffinity(0))]
 Call = Callable[[float], object]
 
 
@@ -49,21 +50,30 @@ def main() -> None:
     given = parser.parse_args()
     default = experiment([])
     snapshots, *_ = cache.simulate(default.finger, default.fem, default.observation, paths.RUNS / "snapshots")
-    print("median / 99th percentile [µs]")
-    print(LINE.format("model", "form", "kB", "tip, 1 thread", "field, 1 thread", "tip, 2 threads", "field, 2 threads"))
+    print("median / 99th percentile [µs]\n")
+    timed = [f"{what}, {count} thread{'s' * (count > 1)}" for count in THREADS for what in ("tip", "field")]
+    line("model", "form", "kB", "difference [mm]", *timed)
+    line(*["---"] * (4 + len(timed)))
     with tempfile.TemporaryDirectory() as folder:
         for name in given.model:
             surrogate = trained(MODELS[name], snapshots, Path(folder) / name)
-            for form, size, calls in forms(surrogate, snapshots, Path(folder) / name):
+            for form, size, difference, calls in forms(surrogate, snapshots, Path(folder) / name):
                 row = [measured(call, snapshots, given.seconds, count) for count, call in calls]
-                print(LINE.format(name, form, f"{size / 1e3:.0f}", *row), flush=True)
+                line(name, form, f"{size / 1e3:.0f}", difference, *row)
             if name == "hybrid":
-                loop(surrogate, given.loop)
+                default_surrogate = surrogate
     seconds = snapshots.provenance["seconds"]
     solved = 1 if snapshots.body is None else len(snapshots.body.pressures_kpa)
     for what, each in (("100 snapshots", seconds), ("one equilibrium", seconds / solved)):
-        print(LINE.format("finite elements", what, "", *[f"{1e6 * each:.3g}"] * 2, "", ""))
+        line("finite elements", what, "", "", *[f"{1e6 * each:.3g}"] * 2, *[""] * (len(timed) - 2))
+    if "hybrid" in given.model and given.loop:
+        loop(default_surrogate, given.loop)
     print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+def line(*cells: str) -> None:
+    """Print a line of a table in Markdown."""
+    print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def trained(choices: list[str], snapshots: Snapshots, folder: Path) -> Surrogate:
@@ -82,34 +92,34 @@ def trained(choices: list[str], snapshots: Snapshots, folder: Path) -> Surrogate
 
 def forms(
     surrogate: Surrogate, snapshots: Snapshots, folder: Path
-) -> Iterator[tuple[str, int, list[tuple[int, Call]]]]:
-    """Name and bytes of each form, and the calls that are timed: number of threads and tip or field."""
+) -> Iterator[tuple[str, int, str, list[tuple[int, Call]]]]:
+    """Name, bytes and difference [mm] of each form, and the timed calls: number of threads and tip or field."""
     points, tip = snapshots.points, snapshots.points[snapshots.base[-1:]]
 
     def prepared(which: Surrogate) -> list[tuple[int, Call]]:
-        return [(count, which.at(where)) for count in (1, 2) for where in (tip, points)]
+        return [(count, which.at(where)) for count in THREADS for where in (tip, points)]
 
     def unprepared(predict: Callable[[int], Predict]) -> list[tuple[int, Call]]:
         calls: list[tuple[int, Call]] = []
-        for count in (1, 2):
+        for count in THREADS:
             made = predict(count)
             for where in (tip, points):
                 calls.append((count, lambda kpa, made=made, where=where: made(where, np.array([kpa]))))  # type: ignore[misc]
         return calls
 
-    yield "original", (folder / "surrogate.pt").stat().st_size, prepared(surrogate)
+    yield "original", (folder / "surrogate.pt").stat().st_size, "", prepared(surrogate)
     for form in export(surrogate, folder / "export"):
         if not isinstance(form, Form):
             continue
-        size = form.path.stat().st_size
+        size, difference = form.path.stat().st_size, f"{form.difference_mm:.1g}"
         if form.name == "numpy":
             from pgdl_lab import load
 
-            yield form.name, size, prepared(load(form.path, outside="ignore"))
+            yield form.name, size, difference, prepared(load(form.path, outside="ignore"))
         elif form.name == "onnx":
-            yield form.name, size, unprepared(lambda count, path=form.path: read_onnx(path, count))  # type: ignore[misc]
+            yield form.name, size, difference, unprepared(lambda count, path=form.path: read_onnx(path, count))  # type: ignore[misc]
         else:
-            yield form.name, size, unprepared(lambda _, predict=form.predict: predict)  # type: ignore[misc]
+            yield form.name, size, difference, unprepared(lambda _, predict=form.predict: predict)  # type: ignore[misc]
 
 
 def measured(call: Call, snapshots: Snapshots, seconds: float, count: int) -> str:
