@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pgdl_lab.chart.labels import place
 from pgdl_lab.chart.point import Point, pareto
 from pgdl_lab.chart.reference import Errors
@@ -30,6 +32,7 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullFormatter
 
     panels: list[tuple[str, Callable[[Point], float], list[Point]]] = [
         ("time per query of the whole field (s)", lambda point: 1e-3 * point.query_ms, list(points)),
@@ -43,6 +46,10 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
         axis.axhspan(0, uncertainty.rms_mm, color="0.88", zorder=0)
         axis.grid(alpha=0.3)
         axis.margins(0.12, 0.08)
+        axis.xaxis.set_minor_formatter(NullFormatter())  # whole decades are labelled, and there are at least two
+        low, high = np.log10(axis.get_xlim())
+        if shown and high - low < 2:
+            axis.set_xlim(10 ** np.floor(low), 10 ** np.ceil(high))
     # a table of the data themselves would stretch the axis down to nothing
     least = [point.surrogate.rms_mm for point in points if point.surrogate and point.kind == "surrogate"]
     axes[0].set_ylim(min([uncertainty.rms_mm, *least]) / 3, None)
