@@ -5,9 +5,9 @@
     python benchmarks/comparison.py --finger pneunet --split random --model pod --model hybrid
 
 Each trial is stored under runs/comparison as soon as it ends; one that is found there is not run again, so that a
-broken comparison goes on where it was and the table can be made of what there is (--only-found). The paper's network
-and protocol get the wall time of the default model, and beside it the times in BUDGETS_S. Medians are over seeds. The
-figure is docs/figures/surrogates.png.
+broken comparison goes on where it was and the table can be made of what there is (--only-found); --markdown writes it
+to docs/comparison.md. The paper's network and protocol get the wall time of the default model, and beside it the times
+in BUDGETS_S. Medians are over seeds. The figure is docs/figures/surrogates.png.
 """
 
 import argparse
@@ -38,6 +38,7 @@ FINGERS, SPLITS, SEEDS = ("pneunet", "joints", "bellows"), ("random", "extrapola
 PAPER, DEFAULT = "paper", "hybrid"
 BUDGETS_S = (10.0, 30.0, 100.0, 300.0)  # of the paper's protocol, beside the wall time of the default
 STORE = paths.RUNS / "comparison"
+PAGE = paths.ROOT / "docs" / "comparison.md"
 FIGURE = paths.ROOT / "docs" / "figures" / "surrogates.png"
 
 
@@ -139,6 +140,15 @@ class Row:
         found = [max(row[f"mse_{axis}_mm2"] for row in result["highlights"]) for result in self.good]
         return float(np.median(found)) if found else float("nan")
 
+    def covered(self) -> tuple[float, float]:
+        """Medians over the seeds of the share of errors in the error bar: over all, and the least of the highlights."""
+        bars = [result for result in self.good if result["error_bar"]]
+        if not bars:
+            return float("nan"), float("nan")
+        everywhere = [(each["error_bar"]["covered_x"] + each["error_bar"]["covered_z"]) / 2 for each in bars]
+        least = [min(row["covered"] for row in each["highlights"]) for each in bars]
+        return float(np.median(everywhere)), float(np.median(least))
+
 
 def rows(fingers: list[str], splits: list[str], models: list[str], seeds: list[int], budgets: list[float],
          only_found: bool) -> list[Row]:  # fmt: skip
@@ -164,24 +174,51 @@ def _row(finger: str, split: str, label: str, trials: list[Trial], only_found: b
     return Row(finger, split, label, found)
 
 
+HEADINGS = (
+    "finger", "split", "model", "seeds", "failed", "MSE x mm²", "MSE z mm²", "highlights x", "highlights z",
+    "extremes mm", "in bar", "highlights in bar", "train s", "field ms (p99)", "tip ms (p99)",
+)  # fmt: skip
+
+
+def cells(line: Row) -> list[str]:
+    """A line of the table."""
+    latency = (
+        f"{line.median('latency_ms', what, 'median'):.3g} ({line.median('latency_ms', what, 'p99'):.3g})"
+        for what in ("full_field", "tip")
+    )
+    covered = ("–" if np.isnan(share) else f"{share:.0%}" for share in line.covered())
+    return [
+        line.finger, line.split, line.label, str(len(line.results)), str(len(line.results) - len(line.good)),
+        f"{line.median('mse_mm2', 'x'):.1e}", f"{line.median('mse_mm2', 'z'):.1e}", f"{line.worst('x'):.1e}",
+        f"{line.worst('z'):.1e}", f"{line.median('extremes_mm'):.1e}", *covered, f"{line.median('seconds'):.1f}",
+        *latency,
+    ]  # fmt: skip
+
+
 def table(lines: list[Row]) -> Table:
     """The comparison as a table."""
     shown = Table(title="Medians over seeds; errors over unseen points; latency on one thread")
-    headings = ("finger", "split", "model", "seeds", "failed", "MSE x mm²", "MSE z mm²", "highlights x", "highlights z",
-                "extremes mm", "train s", "field ms (p99)", "tip ms (p99)")  # fmt: skip
-    for number, heading in enumerate(headings):
+    for number, heading in enumerate(HEADINGS):
         shown.add_column(heading, justify="left" if number < 3 else "right")
     for line in lines:
-        latency = (
-            f"{line.median('latency_ms', what, 'median'):.3g} ({line.median('latency_ms', what, 'p99'):.3g})"
-            for what in ("full_field", "tip")
-        )
-        shown.add_row(
-            line.finger, line.split, line.label, str(len(line.results)), str(len(line.results) - len(line.good)),
-            f"{line.median('mse_mm2', 'x'):.1e}", f"{line.median('mse_mm2', 'z'):.1e}", f"{line.worst('x'):.1e}",
-            f"{line.worst('z'):.1e}", f"{line.median('extremes_mm'):.1e}", f"{line.median('seconds'):.1f}", *latency,
-        )  # fmt: skip
+        shown.add_row(*cells(line))
     return shown
+
+
+def write_page(lines: list[Row]) -> None:
+    """The comparison as a Markdown page."""
+    content = [
+        "# Every surrogate on every finger and split", "",
+        "Made by `python benchmarks/comparison.py --only-found --markdown` from the trials that were run. Medians over",
+        "the seeds; errors over all points not trained on. Highlights are the pressures that the split is judged at,",
+        "for `extrapolate` those beyond the trained ones; of them the worst is given. Latency on one thread, with the",
+        "99th percentile.", "",
+        f"| {' | '.join(HEADINGS)} |", "|" + " --- |" * len(HEADINGS),
+        *(f"| {' | '.join(cells(line))} |" for line in lines), "",
+    ]  # fmt: skip
+    with replacing(PAGE) as temporary:
+        temporary.write_text("\n".join(content), encoding="utf-8")
+    print(f"Page: {PAGE}")
 
 
 def draw(lines: list[Row]) -> None:
@@ -238,6 +275,7 @@ def main() -> None:
     parser.add_argument("--seed", action="append", type=int)
     parser.add_argument("--budget", action="append", type=float, help="seconds of the paper's protocol")
     parser.add_argument("--quick", action="store_true", help="pneunet, random split, one seed, the paper for 10 s")
+    parser.add_argument("--markdown", action="store_true", help="write docs/comparison.md")
     parser.add_argument("--only-found", action="store_true", help="table and figure of what was run before")
     given = parser.parse_args()
     lines = rows(
@@ -248,7 +286,9 @@ def main() -> None:
         given.budget or list(BUDGETS_S[:1] if given.quick else BUDGETS_S),
         given.only_found,
     )
-    Console(width=170).print(table(lines))
+    Console(width=190).print(table(lines))
+    if given.markdown:
+        write_page(lines)
     draw(lines)
 
 
