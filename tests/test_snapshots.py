@@ -211,7 +211,7 @@ def test_killed_simulation_leaves_nothing_and_blocks_nobody(tmp_path: Path) -> N
 
 def test_burst_keeps_what_converged(tmp_path: Path) -> None:
     with pytest.raises(
-        SimulationStopped, match=r"equilibrium up to \d+.* kPa, but not at finger.max_kpa=300"
+        SimulationStopped, match=r"equilibrium up to \d+.* kPa, but not at finger.max_kpa=300.* balloons or snaps"
     ) as caught:
         simulate(balloon(), solid(), OBSERVATION, tmp_path)
     (kept,) = tmp_path.glob("*-stopped.h5")
@@ -219,6 +219,8 @@ def test_burst_keeps_what_converged(tmp_path: Path) -> None:
     snapshots = Snapshots.load(kept)
     assert 0 < len(snapshots.pressures_kpa) < OBSERVATION.snapshots
     assert snapshots.pressures_kpa[-1] <= 300
+    limit, reached = snapshots.provenance["limit_kpa"], snapshots.provenance["equilibria_kpa"][-1]
+    assert reached <= limit < 1.001 * reached and f"a maximum near {limit:.4g} kPa" in str(caught.value)
     assert not snapshot_path(tmp_path, balloon(), solid(), OBSERVATION).exists()
 
 

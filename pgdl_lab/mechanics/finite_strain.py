@@ -115,6 +115,20 @@ class History:
         """Highest pressure with an equilibrium [kPa]."""
         return self.branch.parameters[-1]
 
+    @property
+    def limit_kpa(self) -> float | None:
+        """Where the pressure has a maximum that ends the branch [kPa]; None if it ends otherwise."""
+        return None if self.complete else self.branch.limit()
+
+    def ending(self, finger: Finger, count: int, asked: int) -> str:
+        """What to tell of a branch that is not complete, `count` of whose `asked` snapshots converged."""
+        limit = self.limit_kpa
+        why = "" if limit is None else f" The pressure has a maximum near {limit:.4g} kPa: there it balloons or snaps."
+        return (
+            f"The finger was in equilibrium up to {self.reached_kpa:.4g} kPa, but not at "
+            f"finger.max_kpa={finger.max_kpa:g}: {count} of {asked} snapshots converged.{why}"
+        )
+
     def at(self, kpa: float) -> Array:
         """Displacement (N, 3) [mm] of all nodes at a pressure [kPa]."""
         return self.branch.at(kpa)

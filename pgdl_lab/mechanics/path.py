@@ -23,6 +23,7 @@ PREDICTOR_ERROR_MM = 0.3  # what Newton's method mends in some three iterations
 SMALLEST_STEP = 1e-5  # as a fraction of the path
 SMALLEST_INTERVAL = 1e-4  # of the path: what is nearer to an equilibrium needs none of its own
 LARGEST_STEP = 0.16
+LIMIT_AHEAD = 1e-3  # of the path: a limit point farther off is not why no equilibrium is found
 GROWTH = 2.0
 
 
@@ -80,6 +81,21 @@ class Branch:
         """
         places = start + np.array([0.2, 0.5, 0.8]) * (stop - start)
         return max(float(np.abs(self.at(x) - self.at(x, NODES - 1)).max()) for x in places)
+
+    def limit(self) -> float | None:
+        """Largest parameter of the branch if it turns back just beyond its last equilibrium, else None.
+
+        Near a limit point p* the displacement changes as (p* − p)^½ (E. Riks, Int. J. of Solids and Structures 15,
+        1979). So the inverse square of the slope falls to zero along a straight line, here the one through the last two
+        equilibria.
+        """
+        if len(self.parameters) < 2:
+            return None
+        before, last = (1 / float((slope**2).sum()) for slope in self.slopes[-2:])
+        if last >= before:
+            return None
+        ahead = (self.parameters[-1] - self.parameters[-2]) * last / (before - last)
+        return self.parameters[-1] + ahead if ahead <= LIMIT_AHEAD * self.parameters[-1] else None
 
 
 class NoStart(LabError):

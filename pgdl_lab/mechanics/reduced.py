@@ -99,6 +99,7 @@ def simulate(
             "newton_iterations": history.iterations,
             "interpolation_error_mm": history.interpolation_mm,
             "unstable_kpa": history.unstable_kpa,
+            "limit_kpa": history.limit_kpa,
             "linear_solver": model.solver.name,
             "versions": {"pgdl_lab": __version__},
             "seconds_of": {"model": made - began, "equilibria": solved - made, "snapshots": ended - solved},
@@ -110,9 +111,8 @@ def simulate(
         _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
     if not history.complete:
         raise SimulationStopped(
-            f"The model was in equilibrium up to {history.reached_kpa:.4g} kPa, but not at "
-            f"finger.max_kpa={finger.max_kpa:g}: {len(pressures)} of {observation.snapshots} snapshots converged; "
-            "lower the pressure, thicken the walls or choose fem=solid.",
+            f"{history.ending(finger, len(pressures), observation.snapshots)} Lower the pressure, thicken the walls or "
+            "choose fem=solid.",
             snapshots,
         )
     return snapshots

@@ -96,9 +96,8 @@ class Solid(Fem):
             _log.warning("Surfaces pass through each other at %.4g kPa and more: use fem.contact=auto.", crossed[0])
         if not history.complete:
             raise SimulationStopped(
-                f"The finger was in equilibrium up to {history.reached_kpa:.4g} kPa, but not at "
-                f"finger.max_kpa={finger.max_kpa:g}: {len(pressures)} of {observation.snapshots} snapshots converged; "
-                "lower the pressure, thicken the walls or refine the mesh.",
+                f"{history.ending(finger, len(pressures), observation.snapshots)} Lower the pressure, thicken the "
+                "walls or refine the mesh.",
                 snapshots,
             )
         return snapshots
@@ -140,6 +139,7 @@ class Solid(Fem):
             "interpolation_error_mm": history.interpolation_mm,
             "discretisation_error": self._discretisation_error(model, history),
             "unstable_kpa": history.unstable_kpa,
+            "limit_kpa": history.limit_kpa,
             "reaction_n": reaction.tolist(),
             "load_n": outer.tolist(),
             "contact": model.contact_report(history),

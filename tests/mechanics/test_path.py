@@ -95,3 +95,21 @@ def test_end_of_the_branch_keeps_what_was_found() -> None:
     with pytest.raises(PathEnded) as caught:
         follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
     assert caught.value.branch.parameters[-1] == pytest.approx(33.3, abs=0.02)
+    assert caught.value.branch.limit() is None  # it ends, but does not turn back
+
+
+class Fold(ClosedForm):
+    """Equilibria p = 40 − (q − 2)² / 0.1 that turn back at 40."""
+
+    def exact(self, x: float) -> Array:
+        return np.array([[2 - np.sqrt(0.1 * max(0.0, 40 - x)), 0.0, 0.0]])
+
+    def slope(self, solution: Solution, parameter: float) -> Array:
+        return np.array([[np.sqrt(0.1) / 2 / np.sqrt(40 - parameter), 0.0, 0.0]])
+
+
+def test_a_limit_point_is_told_from_another_end() -> None:
+    leg = Fold(ends=np.nextafter(40.0, 0.0))
+    with pytest.raises(PathEnded) as caught:
+        follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
+    assert caught.value.branch.limit() == pytest.approx(40, rel=1e-6)
