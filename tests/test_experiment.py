@@ -63,6 +63,7 @@ def test_a_stored_configuration_without_the_law_has_that_of_the_finger(tmp_path:
         (["finger=joints"], Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562)),
         (["finger=joints", "finger.material.c2_mpa=0.1"], Yeoh(c1_mpa=0.5056, c2_mpa=0.1, c3_mpa=0.002562)),
         (["finger=joints", "finger/material=yeoh"], Yeoh()),
+        (["finger=joints", "finger/material=neo_hooke"], Yeoh(c2_mpa=0.0, c3_mpa=0.0)),
         (["finger=pneunet", "finger/material=joints"], Yeoh(c1_mpa=0.5056, c2_mpa=0.0, c3_mpa=0.002562)),
         (["finger=pneunet_reference", "finger.material.poisson=0.48"], Yeoh(poisson=0.48)),
     ],
