@@ -51,6 +51,13 @@ def report(shared: SharedStudy) -> list[Path]:
     Console().print(_table(shared, best))
     for trial in shared.failed():
         _log.warning("Trial %d failed: %s", trial.number, trial.user_attrs.get(ERROR))
+    complete = shared.trials(TrialState.COMPLETE)
+    if len(complete) > 1 and len({tuple(trial.values) for trial in complete}) == 1:
+        _log.warning(
+            "All %d trials have the same values, so what was searched makes no difference. Trainings that gain nothing "
+            "surely keep the state before the first step: trainer.validation=0 keeps the last one.",
+            len(complete),
+        )
     if best:
         file = "pareto_1" if several else "best"
         again = f"experiment={shared.settings.study}/{file}"
@@ -59,7 +66,7 @@ def report(shared: SharedStudy) -> list[Path]:
         if same.get("task") == "train" and "seed" in same:
             others = ",".join(str(same["seed"] + number) for number in range(1, OTHERS + 1))
             text = "Its value is the least of %d, in part by luck; what it is worth: python -m pgdl_lab -m %s seed=%s"
-            _log.info(text, len(shared.trials(TrialState.COMPLETE)), again, others)
+            _log.info(text, len(complete), again, others)
     _log.info("Everything of this study is in %s", folder)
     return written
 

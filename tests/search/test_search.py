@@ -209,6 +209,8 @@ def test_a_calibration_is_of_the_finger_that_is_typed(done: Done) -> None:
     searched = {"finger.phalanx_mm", "finger.tip_mm", "finger.chamber_height_mm"}
     assert [set(trial.params) for trial in found] == [searched] * 2
     assert [trial.value for trial in found] == [pytest.approx(69.94 / (0.02 * 69.94))] * 2  # a toy does not bend
+    assert "All 2 trials have the same values" in told["calibration"][1]
+    assert "have the same values" not in told["front"][1]
 
 
 def test_the_jobs_of_a_multirun_are_compared_and_one_that_fails_is_in_mlflow(done: Done) -> None:
