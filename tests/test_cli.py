@@ -102,7 +102,10 @@ def test_configuration_shows_every_value(lab: Lab) -> None:
             "loss.navier_cauchy.weight=3",
             r"The loss 'navier_cauchy' is not chosen: type loss=\[data,boundary,navier_cauchy\] too",
         ),
-        ("finger/material=mooney", r"There is no finger/material 'mooney'\. Did you mean .*mooney_rivlin, neo_hooke, ogden, yeoh"),
+        (
+            "finger/material=mooney",
+            r"There is no finger/material 'mooney'\. Did you mean .*mooney_rivlin, neo_hooke, ogden, yeoh",
+        ),
         ("finger.material.c4_mpa=1", r"There is no finger\.material field 'c4_mpa'\. .*Choices: .*c3_mpa"),
         (
             "finger.material.c10_mpa=0.1",
