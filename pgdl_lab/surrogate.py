@@ -24,7 +24,7 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.files import replacing
 
 FORMAT = "pgdl_lab surrogate"
-VERSION = 2
+VERSION = 3
 AT_REST = 0.1  # of the highest trained pressure: if the lowest lies below that, all from 0 kPa on count as trained
 ROUNDING = 1e-9  # of the highest trained pressure
 UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}

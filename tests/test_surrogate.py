@@ -187,7 +187,7 @@ def test_round_trip_is_exact(surrogate: Surrogate, tmp_path: Path) -> None:
 def test_file_says_what_it_holds(surrogate: Surrogate, tmp_path: Path) -> None:
     surrogate.save(tmp_path / "surrogate.pt")
     content = torch.load(tmp_path / "surrogate.pt", weights_only=True)
-    assert content["format"] == "pgdl_lab surrogate" and content["version"] == 2
+    assert content["format"] == "pgdl_lab surrogate" and content["version"] == 3
     assert content["units"] == {"points": "mm", "pressure": "kPa", "displacement": "mm"}
     assert content["record"]["ranges"]["pressure_kpa"][1] == 50 and len(content["provenance_hash"]) == 64
 
@@ -244,7 +244,7 @@ def squeeze(path: Path) -> None:
 
 def test_other_files_are_refused_in_one_sentence(surrogate: Surrogate, tmp_path: Path) -> None:
     expected = {
-        "version": "format version 1, but this pgdl_lab reads 2",
+        "version": "format version 1, but this pgdl_lab reads 3",
         "model": "no model 'oracle'",
         "state": "does not hold the weights",
         "nan": "does not hold the weights",

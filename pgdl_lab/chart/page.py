@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from pgdl_lab.chart.point import Point
+from pgdl_lab.chart.point import TIE_ERROR, TIE_TIME, Point
 from pgdl_lab.chart.reference import Errors
 from pgdl_lab.files import replacing
 
@@ -15,7 +15,12 @@ TEMPLATE = Path(__file__).with_name("page.html")
 
 def write_page(points: Sequence[Point], uncertainty: Errors, title: str, queries: int, path: Path) -> None:
     """Write the page; see `figure.draw` for the parameters."""
-    content = {"points": [asdict(point) for point in points], "uncertainty": asdict(uncertainty), "queries": queries}
+    content = {
+        "points": [asdict(point) for point in points],
+        "uncertainty": asdict(uncertainty),
+        "queries": queries,
+        "ties": {"time": TIE_TIME, "error": TIE_ERROR},
+    }
     data = json.dumps(content).replace("<", "\\u003c")  # nothing in it can end the script
     text = TEMPLATE.read_text(encoding="utf-8").replace("TITLE", html.escape(title)).replace('"DATA"', data)
     with replacing(path) as temporary:

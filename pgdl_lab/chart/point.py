@@ -7,6 +7,9 @@ from typing import Any
 
 from pgdl_lab.chart.reference import Errors
 
+TIE_TIME = 1.25  # two measurements of the same work on a machine that is not idle differ by as much
+TIE_ERROR = 1.01
+
 
 @dataclass(frozen=True)
 class Point:
@@ -72,10 +75,18 @@ class Point:
 
 
 def pareto(points: Sequence[Point], seconds: Callable[[Point], float]) -> list[Point]:
-    """Points that no other beats in time without a larger error, by rising time; errors are the total RMS."""
-    front: list[Point] = []
-    done = [point for point in points if point.total is not None]
-    for point in sorted(done, key=lambda each: (seconds(each), each.total.rms_mm if each.total else inf)):
-        if not front or (point.total and front[-1].total and point.total.rms_mm < front[-1].total.rms_mm):
-            front.append(point)
-    return front
+    """Points that no other clearly beats, by rising time; errors are the total RMS.
+
+    One that is clearly better in time or in error, and not clearly worse in the other, beats. Clear is more than the
+    factor `TIE_TIME` or `TIE_ERROR`.
+    """
+    done = [(seconds(point), point.total.rms_mm, point) for point in points if point.total is not None]
+
+    def beaten(time: float, error: float) -> bool:
+        return any(
+            (t * TIE_TIME < time and e <= error * TIE_ERROR) or (e * TIE_ERROR < error and t <= time * TIE_TIME)
+            for t, e, _ in done
+        )
+
+    front = [each for each in done if not beaten(*each[:2])]
+    return [point for *_, point in sorted(front, key=lambda each: each[:2])]

@@ -108,7 +108,7 @@ def plain_state(surrogate: Surrogate) -> tuple[str, dict[str, NDArray[Any]]]:
         When its model has none.
     """
     if isinstance(surrogate, NodalSurrogate):
-        return "nodal", _multiplied(surrogate)
+        return "nodal", surrogate.state()
     if isinstance(surrogate, ProcessSurrogate):
         return "process", surrogate.state()
     from pgdl_lab.learning.field import PlaneField  # torch is there, as the surrogate is one of torch
@@ -128,16 +128,6 @@ def plain_state(surrogate: Surrogate) -> tuple[str, dict[str, NDArray[Any]]]:
         for number, (_, (first, second)) in enumerate(sorted(layers.items()))
     }
     return "network", plain | bars
-
-
-def _multiplied(surrogate: NodalSurrogate) -> dict[str, NDArray[Any]]:
-    """The state with modes and amplitudes multiplied, as matrix products differ between machines in the last bits."""
-    state = surrogate.state()
-    amplitudes = state["amplitudes"]
-    whole = {"modes": surrogate.coefficients_mm, "amplitudes": np.eye(len(amplitudes))}
-    if "spread" in state:
-        whole["spread"] = np.einsum("dk,nkl->ndl", amplitudes, state["spread"]).astype(np.float32)
-    return {**state, **whole}
 
 
 def write(surrogate: Surrogate, path: Path) -> None:

@@ -31,39 +31,46 @@ class Probe(ABC):
 
 
 class PolynomialProbe(Probe):
-    """Displacements that are polynomials in the pressure.
+    """Displacements that are a sum of modes whose amplitudes are polynomials in the pressure.
 
     The sums are taken in one order whatever the processor, so that they are the same to the last bit on every machine;
     a matrix product, whose order is the library's, would be twice as fast.
 
     Parameters
     ----------
-    coefficients_mm
-        (K, N, 2), of Chebyshev polynomials [mm].
+    modes
+        (K, N, 2).
+    amplitudes_mm
+        (D, K), coefficients of Chebyshev polynomials [mm].
     range_kpa
         (2,), pressures that are mapped to −1 … 1 [kPa].
     """
 
-    def __init__(self, coefficients_mm: Floats, range_kpa: Floats) -> None:
-        self.coefficients_mm = coefficients_mm
+    def __init__(self, modes: Floats, amplitudes_mm: Floats, range_kpa: Floats) -> None:
         low, high = (float(bound) for bound in range_kpa)
         self._scale, self._shift = 2 / (high - low), (high + low) / (high - low)
-        self._flat = np.ascontiguousarray(coefficients_mm).reshape(len(coefficients_mm), coefficients_mm[0].size)
-        self._shape = coefficients_mm.shape[1:]
+        self._shape = modes.shape[1:]
+        self._terms = [np.ascontiguousarray(amplitudes_mm), np.ascontiguousarray(modes).reshape(len(modes), -1)]
+        if self._terms[1][0].size <= len(modes):  # at few points the polynomials of each are the shorter sum
+            self._terms = [np.add.reduce(amplitudes_mm[:, :, None] * self._terms[1], axis=1)]
+        self._count = len(amplitudes_mm)
 
     def value(self, kpa: float) -> Floats:
         t = self._scale * kpa - self._shift
-        return self._sum(polynomials(t, len(self._flat)))
+        return self._sum(polynomials(t, self._count))
 
     def slope(self, kpa: float) -> Floats:
         t = self._scale * kpa - self._shift
-        values, slopes = polynomials(t, len(self._flat)), [0.0, self._scale]
+        values, slopes = polynomials(t, self._count), [0.0, self._scale]
         while len(slopes) < len(values):
             slopes.append(2 * (self._scale * values[len(slopes) - 1] + t * slopes[-1]) - slopes[-2])
         return self._sum(slopes[: len(values)])
 
     def _sum(self, weights: list[float]) -> Floats:
-        return np.add.reduce(np.array(weights)[:, None] * self._flat, axis=0).reshape(self._shape)
+        total = np.array(weights)
+        for term in self._terms:
+            total = np.add.reduce(total[:, None] * term, axis=0)
+        return total.reshape(self._shape)
 
 
 def polynomials(t: float, count: int) -> list[float]:

@@ -81,23 +81,24 @@ class Interpolation(nn.Module):
 class NodalGraph(Graph):
     """See `NodalSurrogate`."""
 
-    coefficients_mm: Tensor
+    modes: Tensor
+    amplitudes_mm: Tensor
 
     def __init__(self, surrogate: NodalSurrogate) -> None:
         super().__init__()
         state = surrogate.state()
         self.interpolation = Interpolation(FaceMesh(state["points_mm"], state["triangles"]))
         self.low, self.high = (float(bound) for bound in state["range_kpa"])
-        self.count = surrogate.coefficients_mm.shape[1]
-        self.register_buffer("coefficients_mm", torch.from_numpy(surrogate.coefficients_mm).flatten(1))
+        self.register_buffer("modes", torch.from_numpy(state["modes"]).flatten(1))
+        self.register_buffer("amplitudes_mm", torch.from_numpy(state["amplitudes"]))
 
     def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
         t = (2 * pressure_kpa - self.low - self.high) / (self.high - self.low)
         polynomials = [torch.ones_like(t), t]
-        while len(polynomials) < self.count:
+        while len(polynomials) < self.amplitudes_mm.shape[0]:
             polynomials.append(2 * t * polynomials[-1] - polynomials[-2])
-        local = self.interpolation(points_mm, self.coefficients_mm).unflatten(1, (self.count, 2))
-        flat = torch.stack(polynomials, dim=1) @ local.transpose(0, 1).flatten(1)
+        local = self.interpolation(points_mm, self.modes).unflatten(1, (-1, 2))
+        flat = torch.stack(polynomials, dim=1) @ self.amplitudes_mm @ local.transpose(0, 1).flatten(1)
         return flat.unflatten(1, (-1, 2))
 
 

@@ -103,8 +103,7 @@ class CorrectedField(Field):
         # all in Chebyshev polynomials themselves, which the corrections add to
         coefficients = torch.einsum("dk,nkc->ndc", amplitudes, state["modes"])
         coefficients[:, : self.degree + 1] += self.corrections(self.modes.flatten(1)[None])[0].cpu()
-        spread = torch.einsum("dk,nkl->ndl", amplitudes, state["spread"].double()).float()
-        return {**state, "modes": coefficients, "amplitudes": torch.eye(len(amplitudes)).double(), "spread": spread}
+        return {**state, "modes": coefficients, "amplitudes": torch.eye(len(amplitudes)).double()}
 
 
 def cross_fitted(

@@ -43,19 +43,20 @@ class LinearModel(Model):
 
     @abstractmethod
     def learn(self, regression: SeparableRegression, training: Training) -> Mapping[str, Tensor]:
-        """What the surrogate's state holds beside the body, see `NodalSurrogate`."""
+        """What the surrogate's state holds beside the body, see `NodalSurrogate`; it is compressed later."""
 
     def fit(self, training: Training) -> NodalSurrogate:
         from threadpoolctl import threadpool_limits
 
+        from pgdl_lab.learning.pod import compressed
         from pgdl_lab.surrogate import Record
 
         refuse_derivatives(training)
         regression, body = regression_of(training, self.degree)
         with threadpool_limits(training.trainer.threads), closing(regression):
-            learnt = self.learn(regression, training)
+            state = compressed({**body, **self.learn(regression, training)})
         record = Record(training.samples.ranges(), dict(training.provenance), face=training.scene.face)
-        return self.restore({name: tensor.numpy() for name, tensor in {**body, **learnt}.items()}, record)
+        return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> NodalSurrogate:
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate

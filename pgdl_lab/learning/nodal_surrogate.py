@@ -31,13 +31,9 @@ class NodalSurrogate(Surrogate):
     state
         "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "modes" (N, K, 2); "amplitudes" (D, K) [mm],
         Chebyshev coefficients of the amplitudes of the K modes; "range_kpa" (2,), pressures mapped to −1 … 1. With
-        error bars also "spread" (N, K, L), square roots of the modes' covariance at the nodes; "noise_mm" (); "bar_kpa"
-        (B,) and "bar_deviations" (B,), pressures and the number of standard deviations that make a bar there.
-
-    Attributes
-    ----------
-    coefficients_mm
-        (N, D, 2), Chebyshev coefficients of the displacement of the nodes [mm].
+        error bars also "spread" (N, D, L) [mm], square roots of the covariance of the nodes' Chebyshev coefficients;
+        "noise_mm" (); "bar_kpa" (B,) and "bar_deviations" (B,), pressures and the number of standard deviations that
+        make a bar there.
     """
 
     shapes = {
@@ -46,7 +42,7 @@ class NodalSurrogate(Surrogate):
         "modes": (FLOATS, "N", "K", 2),
         "amplitudes": (FLOATS, "D", "K"),
         "range_kpa": (FLOATS, 2),
-        "spread": (FLOATS, "N", "K", "L"),
+        "spread": (FLOATS, "N", "D", "L"),
         "noise_mm": (FLOATS,),
         "bar_kpa": (FLOATS, "B"),
         "bar_deviations": (FLOATS, "B"),
@@ -57,17 +53,16 @@ class NodalSurrogate(Surrogate):
         # sums over arrays in another order would differ in the last bits
         self._state = {name: np.asarray(array, order="C") for name, array in state.items()}
         self._body = FaceMesh(state["points_mm"], state["triangles"])
-        self.coefficients_mm = np.einsum("dk,nki->ndi", state["amplitudes"], state["modes"])
 
     def state(self) -> dict[str, NDArray[Any]]:
         return self._state
 
     def probe(self, points_mm: Floats) -> PolynomialProbe:
         corners, weights = self._body.locate(points_mm)
-        nodal = self.coefficients_mm[corners]  # (n, 3, D, 2)
+        nodal = self._state["modes"][corners]  # (n, 3, K, 2)
         share = weights[:, :, None, None]
         local = share[:, 0] * nodal[:, 0] + share[:, 1] * nodal[:, 1] + share[:, 2] * nodal[:, 2]
-        return PolynomialProbe(local.transpose(1, 0, 2), self._state["range_kpa"])
+        return PolynomialProbe(local.transpose(1, 0, 2), self._state["amplitudes"], self._state["range_kpa"])
 
     def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
         if "spread" not in self._state:
@@ -76,8 +71,8 @@ class NodalSurrogate(Surrogate):
         low, high = self._state["range_kpa"]
         degree = len(self._state["amplitudes"])
         chebyshev = np.array([polynomials((2 * kpa - low - high) / (high - low), degree) for kpa in pressures_kpa])
-        amplitudes = chebyshev.reshape(-1, degree) @ self._state["amplitudes"]
-        roots = np.tensordot(amplitudes, self._state["spread"], axes=(1, 1))  # (P, N, K)
+        chebyshev = chebyshev.reshape(-1, degree)  # also without any pressure
+        roots = np.tensordot(chebyshev, self._state["spread"], axes=(1, 1))  # (P, N, L)
         nodal_mm = np.sqrt((roots**2).sum(axis=2) + self._state["noise_mm"] ** 2)
         # the deviation of a mean of three is at most the mean of the three
         deviation_mm = np.einsum("nc,pnc->pn", weights, nodal_mm[:, corners])
@@ -91,7 +86,7 @@ class NodalSurrogate(Surrogate):
             except ModuleNotFoundError:  # a robot without SciPy
                 return None
             body = Triangulation(self._body.points_mm, self._body.triangles)
-            nodal = np.einsum("pk,nkc->pnc", amplitudes, self._state["modes"])
+            nodal = np.einsum("pk,nkc->pnc", chebyshev @ self._state["amplitudes"], self._state["modes"])
             more_mm = interpolation_bars(body, nodal, points_mm[between])
             bars_mm[:, between] = np.hypot(bars_mm[:, between], more_mm)
         return bars_mm

@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from pgdl_lab.learning.calibration import Floats, Held, bar_deviations
-from pgdl_lab.learning.separable import Prior, SeparableRegression
+from pgdl_lab.learning.separable import Prior, SeparableRegression, chebyshev
 
 LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
+BEYOND = 1.15  # times the highest trained pressure: as far as a surrogate may be asked to go on
 
 
 def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:
@@ -25,7 +26,7 @@ def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Ge
 def decompose(
     regression: SeparableRegression, prior: Prior, draws: int, rng: np.random.Generator
 ) -> Mapping[str, Tensor]:
-    """What the state of a `NodalSurrogate` holds beside the body.
+    """What the state of a `NodalSurrogate` holds beside the body, with a mode for each polynomial.
 
     Parameters
     ----------
@@ -47,7 +48,8 @@ def decompose(
 
     bar_kpa, deviations = bar_deviations(regression.samples.pressures_kpa, ratios, rng)
     # with draws = Q R, the covariance is Rᵀ R
-    _, spread = np.linalg.qr(posterior.draws.transpose(0, 2, 1) / np.sqrt(draws))
+    draws_mm = np.einsum("dk,nks->nsd", prior.amplitudes, posterior.draws)
+    _, spread = np.linalg.qr(draws_mm / np.sqrt(draws))
     return {
         "modes": torch.from_numpy(posterior.modes.copy()),
         "amplitudes": torch.from_numpy(prior.amplitudes.copy()),
@@ -56,3 +58,23 @@ def decompose(
         "bar_kpa": torch.from_numpy(bar_kpa),
         "bar_deviations": torch.from_numpy(deviations),
     }
+
+
+def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The state of a `NodalSurrogate` with no more modes than tell its field apart from the noise of its data.
+
+    The modes are those of a singular value decomposition over all nodes and all pressures up to `BEYOND` times the
+    highest trained one: of as many modes no others come closer to the field. What is left out is, as a root mean
+    square, at most the noise, which the error bars hold already.
+    """
+    amplitudes, modes, range_kpa = (state[name].numpy() for name in ("amplitudes", "modes", "range_kpa"))
+    coefficients = np.einsum("dk,nkc->dnc", amplitudes, modes).reshape(len(amplitudes), -1)
+    pressures_kpa = np.linspace(0.0, BEYOND * range_kpa[1], 10 * len(amplitudes))
+    _, root = np.linalg.qr(chebyshev(pressures_kpa, range_kpa, len(amplitudes) - 1))
+    left, sizes, right = np.linalg.svd(root @ coefficients, full_matrices=False)
+    rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(pressures_kpa) / coefficients.shape[1])  # from each on
+    count = max(1, int((rest_mm > float(state["noise_mm"])).sum()))
+    size = np.sqrt(coefficients.shape[1])  # modes of unit root mean square: the amplitudes carry the unit
+    kept = size * right[:count].reshape(count, -1, 2).transpose(1, 0, 2)
+    amplitudes_mm = np.linalg.solve(root, left[:, :count] * sizes[:count]) / size
+    return {**state, "modes": torch.from_numpy(kept.copy()), "amplitudes": torch.from_numpy(amplitudes_mm.copy())}

@@ -101,7 +101,9 @@ class Hybrid(TrainedModel):
         return CorrectedField(closed_form, scale_mm, deep, inputs, self.correction_degree)
 
     def finished(self, field: CorrectedField, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
-        return self.restore({name: tensor.numpy() for name, tensor in field.nodal().items()}, record)
+        from pgdl_lab.learning.pod import compressed
+
+        return self.restore({name: tensor.numpy() for name, tensor in compressed(field.nodal()).items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate

@@ -2,8 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.learning.pod import compressed
+from pgdl_lab.learning.separable import chebyshev
 from pgdl_lab.registry import discover, plugin
 from pgdl_lab.surrogate import Surrogate
 from tests.trainings import TRAIN, small, training
@@ -53,6 +56,26 @@ def test_a_fit_repeats_exactly(tmp_path: Path) -> None:
     first, second = (fitted("pod", tmp_path, degree=3, rounds=1, draws=8) for _ in range(2))
     for name, array in first.state().items():
         assert np.array_equal(array, second.state()[name]), name
+
+
+def test_no_more_modes_are_kept_than_tell_the_field_from_its_noise(tmp_path: Path) -> None:
+    rng, range_kpa, noise_mm = np.random.default_rng(0), np.array([0.0, 50.0]), 1e-4
+    sizes = np.diag([1e6, 100.0, 10.0, 0.1, 0.01]) * noise_mm  # each mode has a polynomial of its own
+    whole = {"modes": rng.standard_normal((500, 5, 2)), "amplitudes": sizes, "range_kpa": range_kpa}
+    polynomials = chebyshev(np.linspace(0, 57, 60), range_kpa, 4)
+
+    def kept(noise_mm: float) -> tuple[int, float]:
+        """Number of modes, and how far the field of them is from the whole one [mm]."""
+        few = compressed({"noise_mm": torch.tensor(noise_mm), **{k: torch.from_numpy(v) for k, v in whole.items()}})
+        fields = [np.einsum("pd,dk,nkc", polynomials, state["amplitudes"], state["modes"]) for state in (whole, few)]
+        return few["modes"].shape[1], float(np.sqrt(((fields[1] - fields[0]) ** 2).mean()))
+
+    count, error_mm = kept(noise_mm)
+    assert count == 3 and noise_mm / 100 < error_mm < noise_mm
+    count, error_mm = kept(noise_mm / 1e4)
+    assert count == 5 and error_mm < 1e-10
+    state = fitted("pod", tmp_path).state()
+    assert state["amplitudes"].shape[1] < state["amplitudes"].shape[0] == state["spread"].shape[1]
 
 
 def test_losses_with_derivatives_are_refused(tmp_path: Path) -> None:
