@@ -39,11 +39,11 @@ def _relu(h: Tensor, to: Places = NEW) -> Derivatives:
 
 
 def _tanh(h: Tensor, to: Places = NEW) -> Derivatives:
-    # by way of the sigmoid function, several times faster than torch.tanh
-    value = torch.mul(torch.sigmoid(torch.add(h, h, out=to[0]), out=to[0]), 2, out=to[0]).sub_(1)
-    first = torch.mul(value, value, out=to[1]).neg_().add_(1)
-    second = torch.mul(value, first, out=to[2]).mul_(-2)
-    return value, first, second, torch.mul(first, first, out=to[3]).addcmul_(value, second).mul_(-2)
+    one, four, zero = h.new_ones(()), h.new_full((), 4), h.new_zeros(())
+    value = torch.tanh(h, out=to[0])
+    first = torch.addcmul(one, value, value, value=-1, out=to[1])
+    second = torch.addcmul(zero, value, first, value=-2, out=to[2])
+    return value, first, second, torch.add(four, first, alpha=-6, out=to[3]).mul_(first)
 
 
 def _silu(h: Tensor, to: Places = NEW) -> Derivatives:

@@ -38,7 +38,8 @@ def fit(model: TrainedModel, training: Training) -> Surrogate:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(training.seed)
         field, samples = model.begin(training)
-    objective = Objective(field, training.losses, samples, training.scene, training.balancing)
+    compiled = training.trainer.compile
+    objective = Objective(field, training.losses, samples, training.scene, training.balancing, compiled)
     module = TrainingModule(objective, training.trainer, training.optimizer, training.seed, model.patience)
     identity = _identity(model, training)
     path = training.folder / "checkpoints" / "last.ckpt"

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from pgdl_lab.learning.activations import DERIVATIVES
-from pgdl_lab.learning.sweeps import MOST_OUTPUTS, two_sweeps
+from pgdl_lab.learning.sweeps import MOST_OUTPUTS, traced_sweeps, two_sweeps
 
 ROWS = {0: 1, 1: 3, 2: 6}  # number of rows by order of the highest derivative
 X, Z, XX, ZZ, XZ = range(1, 6)
@@ -136,7 +136,9 @@ def _through(layers: list[nn.Module], rows: Tensor) -> Tensor:
         if len(rows) == ROWS[2] and (length := _few_outputs(layers)) and not _transformed():
             chain, layers = layers[:length], layers[length:]
             linear = [layer for layer in chain if isinstance(layer, nn.Linear)]
-            rows = two_sweeps(linear, [type(layer) for layer in chain[1::2]], rows)
+            # the compiler does not see through a derivative by hand
+            sweeps = traced_sweeps if torch.compiler.is_compiling() else two_sweeps
+            rows = sweeps(linear, [type(layer) for layer in chain[1::2]], rows)
             continue
         layer, *layers = layers
         if len(rows) > 1 and isinstance(layer, nn.Linear) and layers and type(layers[0]) in DERIVATIVES:
@@ -160,8 +162,8 @@ def _few_outputs(layers: list[nn.Module]) -> int:
 
 
 def _transformed() -> bool:
-    """Whether PyTorch compiles or transforms what it is shown, and cannot look into derivatives by hand in place."""
-    return torch.compiler.is_compiling() or torch._C._are_functorch_transforms_active()
+    """Whether PyTorch transforms what it is shown, and cannot look into derivatives by hand in place."""
+    return not torch.compiler.is_compiling() and torch._C._are_functorch_transforms_active()
 
 
 def _activated(rows: Tensor, bias: Tensor, kind: type[nn.Module]) -> Tensor:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -13,6 +15,7 @@ from pgdl_lab.learning.activations import PIECEWISE_LINEAR
 from pgdl_lab.learning.balancing import Balancer, BalancingSettings
 from pgdl_lab.learning.data import Samples, Scene
 from pgdl_lab.learning.field import Field
+from pgdl_lab.learning.jet import Jet
 from pgdl_lab.loss import Loss
 
 _log = logging.getLogger(__name__)
@@ -33,6 +36,8 @@ class Objective(nn.Module):
         Training points and body.
     balancing
         How the weights of the terms follow the training.
+    compiled
+        Whether the field's derivatives are compiled.
 
     Raises
     ------
@@ -45,12 +50,19 @@ class Objective(nn.Module):
     targets: Tensor
 
     def __init__(
-        self, field: Field, losses: Mapping[str, Loss], samples: Samples, scene: Scene, balancing: BalancingSettings
+        self,
+        field: Field,
+        losses: Mapping[str, Loss],
+        samples: Samples,
+        scene: Scene,
+        balancing: BalancingSettings,
+        compiled: bool = False,
     ) -> None:
         super().__init__()
         if not losses:
             raise InputError("loss=[] leaves nothing to minimise; give at least one, such as loss=[data].")
         self.field = field
+        self._jet = _compiled(field.jet) if compiled else field.jet
         self.losses = dict(losses)
         self.scene = scene
         self.balancer = Balancer(balancing, self.losses)
@@ -83,14 +95,14 @@ class Objective(nn.Module):
     def terms(self, batch: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
         """Unweighted terms at the training points `batch` (n,); `generator` draws the pressures of own points."""
         buffers = dict(self.named_buffers(recurse=False))
-        jet = self.field.jet(self.inputs[:, batch], self.pressures[batch], self.order)
+        jet = self._jet(self.inputs[:, batch], self.pressures[batch], self.order)
         values = {}
         for name, loss in self.losses.items():
             if name in self.own:
                 inputs, targets = buffers[f"{name}_inputs"], buffers[f"{name}_targets"]
                 low, high = self.range_kpa
                 drawn = low + (high - low) * torch.rand(1 if loss.one_pressure else len(targets), generator=generator)
-                own_jet = self.field.jet(inputs, drawn.to(targets).expand(len(targets)), loss.order)
+                own_jet = self._jet(inputs, drawn.to(targets).expand(len(targets)), loss.order)
                 values[name] = loss.value(own_jet, targets, self.scene)
             else:
                 values[name] = loss.value(jet, self.targets[batch], self.scene)
@@ -128,3 +140,10 @@ class Objective(nn.Module):
         norms = {name: self.weight(name) * norm for name, norm in self.gradient_norms(terms).items()}
         whole = sum(norms.values())
         return {name: norm / whole if whole else 0.0 for name, norm in norms.items()}
+
+
+def _compiled(jet: Callable[..., Jet]) -> Callable[..., Jet]:
+    """`jet` compiled, so that the gradients of terms that share one can be taken one by one."""
+    functorch: Any = importlib.import_module("torch._functorch.config")
+    functorch.donated_buffer = False
+    return torch.compile(jet)

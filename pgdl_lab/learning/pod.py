@@ -13,6 +13,7 @@ from pgdl_lab.learning.separable import Prior, SeparableRegression, chebyshev
 
 LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
 BEYOND = 1.15  # times the highest trained pressure: as far as a surrogate may be asked to go on
+LEFT_OUT = 0.1  # a tenth of the error adds half a per cent to it
 
 
 def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:
@@ -61,19 +62,27 @@ def decompose(
 
 
 def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The state of a `NodalSurrogate` with no more modes than tell its field apart from the noise of its data.
+    """The state of a `NodalSurrogate` with no more modes than tell its field apart from what is not known of it.
 
     The modes are those of a singular value decomposition over all nodes and all pressures up to `BEYOND` times the
-    highest trained one: of as many modes no others come closer to the field. What is left out is, as a root mean
-    square, at most the noise, which the error bars hold already.
+    highest trained one: of as many modes no others come closer to the field. What is left out is at most the noise,
+    which every error bar holds, and at most `LEFT_OUT` of the posterior's standard deviation within the trained
+    pressures, all as root mean squares.
     """
-    amplitudes, modes, range_kpa = (state[name].numpy() for name in ("amplitudes", "modes", "range_kpa"))
+    amplitudes, modes, spread, range_kpa = (
+        state[name].numpy() for name in ("amplitudes", "modes", "spread", "range_kpa")
+    )
     coefficients = np.einsum("dk,nkc->dnc", amplitudes, modes).reshape(len(amplitudes), -1)
     pressures_kpa = np.linspace(0.0, BEYOND * range_kpa[1], 10 * len(amplitudes))
-    _, root = np.linalg.qr(chebyshev(pressures_kpa, range_kpa, len(amplitudes) - 1))
+    polynomials = chebyshev(pressures_kpa, range_kpa, len(amplitudes) - 1)
+    roots = spread.transpose(1, 0, 2).reshape(len(amplitudes), -1)
+    known = polynomials[pressures_kpa <= range_kpa[1]] @ roots
+    deviation_mm = np.sqrt((known.astype(float) ** 2).sum() / len(known) / len(modes))
+    _, root = np.linalg.qr(polynomials)
     left, sizes, right = np.linalg.svd(root @ coefficients, full_matrices=False)
     rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(pressures_kpa) / coefficients.shape[1])  # from each on
-    count = max(1, int((rest_mm > float(state["noise_mm"])).sum()))
+    most_mm = min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
+    count = max(1, int((rest_mm > most_mm).sum()))
     size = np.sqrt(coefficients.shape[1])  # modes of unit root mean square: the amplitudes carry the unit
     kept = size * right[:count].reshape(count, -1, 2).transpose(1, 0, 2)
     amplitudes_mm = np.linalg.solve(root, left[:, :count] * sizes[:count]) / size

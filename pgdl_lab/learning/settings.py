@@ -1,12 +1,14 @@
 """How long and by which rule a model is trained: the config groups `trainer` and `optimizer`."""
 
 import math
+import shutil
 from dataclasses import dataclass
 from typing import Any
 
 from pgdl_lab.errors import InputError
 
 ACCELERATORS = ("auto", "cpu", "gpu")
+COMPILERS = ("g++", "clang++", "cl")
 FIRST_ORDER = ("adam", "adamw", "nadam", "muon")
 FULL_BATCH = ("lbfgs", "levenberg_marquardt")
 OPTIMIZERS = FIRST_ORDER + FULL_BATCH
@@ -34,6 +36,9 @@ class TrainerSettings:
     threads
         CPU threads of the training. More than one hardly speeds up a small network, and on a busy machine threads
         that wait for each other slow it down many times over.
+    compile
+        Whether the derivatives of the field are compiled, which takes half a minute and a C++ compiler. Steps with
+        second derivatives of a network of x, z and p take two thirds of the time then.
     checkpoint_every_s
         Time between checkpoints [s].
     log_every_s
@@ -48,6 +53,7 @@ class TrainerSettings:
     accelerator: str = "auto"
     validation: float = 0.1
     threads: int = 1
+    compile: bool = False
     checkpoint_every_s: float = 20.0
     log_every_s: float = 1.0
     progress: bool = True
@@ -59,6 +65,11 @@ class TrainerSettings:
             raise InputError(f"trainer.validation is {self.validation}; it must be a share from 0 to below 1.")
         if self.threads < 1:
             raise InputError(f"trainer.threads is {self.threads}; it must be at least 1.")
+        if self.compile and not any(map(shutil.which, COMPILERS)):
+            raise InputError(
+                f"trainer.compile is true, but none of the C++ compilers {', '.join(COMPILERS)} is installed; install "
+                "one or leave it false."
+            )
         if self.accelerator not in ACCELERATORS:
             raise InputError(f"trainer.accelerator is '{self.accelerator}'; choose one of {', '.join(ACCELERATORS)}.")
         for name in ("checkpoint_every_s", "log_every_s"):

@@ -1,7 +1,10 @@
 """Closed-form derivatives against automatic differentiation and against derivatives by hand, in float64."""
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor, nn
@@ -10,6 +13,7 @@ from pgdl_lab.learning.activations import ACTIVATIONS, DERIVATIVES
 from pgdl_lab.learning.jet import ROWS, Affine, nested, propagate
 from pgdl_lab.learning.layers import fully_connected
 from pgdl_lab.registry import discover, plugin
+from pgdl_lab.surrogate import Surrogate
 from tests.trainings import training
 
 discover()
@@ -174,3 +178,20 @@ def test_derivatives_are_physical_whatever_the_scaling(tmp_path: Path) -> None:
     assert torch.allclose(jet.hessian[:, 0, 1], -amplitude * per_z**2 * phase.sin())
     assert torch.allclose(jet.hessian[:, 0, 2], -amplitude * per_x * per_z * phase.sin())
     assert not jet.gradient[:, 1].any()
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="no C++ compiler")
+def test_a_compiled_training_gives_the_same_field(tmp_path: Path) -> None:
+    losses = {"data": {}, "navier_cauchy": {"weight": 1e-3}}
+    fields: list[Surrogate] = []
+    for compiled in (False, True):
+        given = training(tmp_path / str(compiled), losses)
+        settings = replace(given.trainer, compile=compiled, max_epochs=2, validation=0.2)
+        model = plugin("model", "mlp")(depth=2, width=8, activation="tanh", dtype="float64")
+        fields.append(model.fit(replace(given, trainer=settings)))
+    points = fields[0].face.mesh.points_mm
+    plain, fused = (field.predict(points, [10.0, 50.0]) for field in fields)
+    assert np.allclose(plain, fused, atol=1e-9, rtol=1e-9)
+    assert fields[1].record.history[-1]["raw/navier_cauchy"] == pytest.approx(
+        fields[0].record.history[-1]["raw/navier_cauchy"], rel=1e-9
+    )

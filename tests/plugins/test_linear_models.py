@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,24 +59,36 @@ def test_a_fit_repeats_exactly(tmp_path: Path) -> None:
         assert np.array_equal(array, second.state()[name]), name
 
 
-def test_no_more_modes_are_kept_than_tell_the_field_from_its_noise(tmp_path: Path) -> None:
-    rng, range_kpa, noise_mm = np.random.default_rng(0), np.array([0.0, 50.0]), 1e-4
-    sizes = np.diag([1e6, 100.0, 10.0, 0.1, 0.01]) * noise_mm  # each mode has a polynomial of its own
+def test_no_more_modes_are_kept_than_tell_the_field_from_what_is_not_known_of_it(tmp_path: Path) -> None:
+    rng, range_kpa, deviation_mm = np.random.default_rng(0), np.array([0.0, 50.0]), 1e-3
+    sizes = np.diag([1e5, 10.0, 1.0, 0.01, 0.001]) * deviation_mm  # each mode has a polynomial of its own
     whole = {"modes": rng.standard_normal((500, 5, 2)), "amplitudes": sizes, "range_kpa": range_kpa}
     polynomials = chebyshev(np.linspace(0, 57, 60), range_kpa, 4)
 
-    def kept(noise_mm: float) -> tuple[int, float]:
+    def kept(deviation_mm: float, noise_mm: float) -> tuple[int, float]:
         """Number of modes, and how far the field of them is from the whole one [mm]."""
-        few = compressed({"noise_mm": torch.tensor(noise_mm), **{k: torch.from_numpy(v) for k, v in whole.items()}})
+        spread = np.zeros((500, 5, 5))
+        spread[:, 0, 0] = deviation_mm  # the same at all pressures
+        state = {**whole, "spread": spread, "noise_mm": np.array(noise_mm)}
+        few = compressed({name: torch.from_numpy(array) for name, array in state.items()})
         fields = [np.einsum("pd,dk,nkc", polynomials, state["amplitudes"], state["modes"]) for state in (whole, few)]
         return few["modes"].shape[1], float(np.sqrt(((fields[1] - fields[0]) ** 2).mean()))
 
-    count, error_mm = kept(noise_mm)
-    assert count == 3 and noise_mm / 100 < error_mm < noise_mm
-    count, error_mm = kept(noise_mm / 1e4)
+    for known in ((deviation_mm, 1.0), (1.0, deviation_mm / 10)):
+        count, error_mm = kept(*known)
+        assert count == 3 and deviation_mm / 1000 < error_mm < deviation_mm / 10
+    count, error_mm = kept(deviation_mm / 1e4, 1.0)
     assert count == 5 and error_mm < 1e-10
-    state = fitted("pod", tmp_path).state()
-    assert state["amplitudes"].shape[1] < state["amplitudes"].shape[0] == state["spread"].shape[1]
+
+
+def test_noise_costs_no_modes_that_the_data_tell(tmp_path: Path) -> None:
+    given, rng = training(tmp_path, {"data": {}}), np.random.default_rng(0)
+    exact = given.samples.displacements_mm
+    samples = replace(given.samples, displacements_mm=exact + rng.normal(scale=0.5, size=exact.shape))
+    surrogate = plugin("model", "pod")().fit(replace(given, samples=samples))
+    state = surrogate.state()
+    assert 2 <= state["amplitudes"].shape[1] < state["amplitudes"].shape[0] == state["spread"].shape[1]
+    assert np.sqrt((errors(surrogate) ** 2).mean()) < 0.5  # less than the noise
 
 
 def test_losses_with_derivatives_are_refused(tmp_path: Path) -> None:
