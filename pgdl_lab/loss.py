@@ -53,6 +53,20 @@ class Loss(ABC):
             When its law or shape does not fit; the default fits all.
         """
 
+    def refuse_sideways_gravity(self, finger: Finger | None) -> None:
+        """Refuse a finger that gravity bends out of the plane whose balance of forces this term is about.
+
+        Raises
+        ------
+        InputError
+            When gravity has a part along y.
+        """
+        if finger is not None and not finger.planar:
+            raise InputError(
+                f"Loss {self.name} balances forces in the x–z plane, and finger.gravity_m_s2 is {finger.gravity_m_s2}, "
+                "with a part along y that bends the finger out of it; set that to 0 or leave this loss out."
+            )
+
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Points (M, 2) [mm] and prescribed displacements (M, 2) [mm] where this term is evaluated.
 

@@ -33,6 +33,7 @@ class PlaneLoss(Loss):
             raise InputError(f"loss.{self.name}.state is '{self.state}'; choose one of {', '.join(STATES)}.")
 
     def check(self, finger: Finger | None) -> None:
+        self.refuse_sideways_gravity(finger)
         self.law(finger)
 
     def law(self, finger: Finger | None) -> PlaneLaw:

@@ -56,6 +56,7 @@ class Equilibrium(PlaneLoss):
     def check(self, finger: Finger | None) -> None:
         from pgdl_lab.learning.section_balance import suited
 
+        self.refuse_sideways_gravity(finger)
         suited(finger, self.state)
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

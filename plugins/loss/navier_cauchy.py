@@ -12,6 +12,7 @@ from pgdl_lab.registry import register
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from pgdl_lab.finger import Finger
     from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
 
@@ -56,6 +57,9 @@ class NavierCauchy(Loss):
                 raise InputError(
                     f"loss.navier_cauchy.{name} is {modulus} MPa; it must be positive, or null for the finger's."
                 )
+
+    def check(self, finger: Finger | None) -> None:
+        self.refuse_sideways_gravity(finger)
 
     def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
         residual_x, residual_z = self.residuals(jet, scene)

@@ -167,3 +167,11 @@ def test_physics_refuses_what_it_cannot_do(name: str) -> None:
         loss.check(unknown.finger)
     with pytest.raises(InputError, match="this material is Ogden"):
         loss.check(pneunet(material=plugin("material", "ogden")()))
+
+
+@pytest.mark.parametrize("name", ["navier_cauchy", "yeoh", "traction", "equilibrium"])
+def test_physics_of_the_plane_refuses_gravity_across_it(name: str) -> None:
+    loss = plugin("loss", name)()
+    loss.check(pneunet(gravity_m_s2=[1.0, 0.0, -9.81]))
+    with pytest.raises(InputError, match=rf"Loss {name} balances .*part along y.*leave this loss out"):
+        loss.check(pneunet(gravity_m_s2=[0.0, 9.81, 0.0]))
