@@ -57,12 +57,12 @@ def fitted(
         weights: Any = np.linalg.solve(lower.T, np.linalg.solve(lower, moved_mm[part]))
         return weights
 
-    def ratios(held: Held) -> Floats:
-        part, judged = chosen(~held), chosen(held)
-        lower, across = factor(inputs[part], noise), covariance(inputs[judged], inputs[part])
+    def ratios(held: Held, judged: Held) -> Floats:
+        part, asked = chosen(~held), chosen(judged)
+        lower, across = factor(inputs[part], noise), covariance(inputs[asked], inputs[part])
         variance = 1 + noise - (np.linalg.solve(lower, across.T) ** 2).sum(axis=0)
         expected_mm = size * size_mm.max() * np.sqrt(np.maximum(variance, noise))
-        return np.abs(across @ weights_mm(part, lower) - moved_mm[judged]) / expected_mm[:, None]
+        return np.abs(across @ weights_mm(part, lower) - moved_mm[asked]) / expected_mm[:, None]
 
     bar_kpa, deviations = bar_deviations(samples.pressures_kpa, ratios, rng)
     return {

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.learning.calibration import Floats, Held, bar_deviations
+from pgdl_lab.learning.calibration import NORMAL, Floats, Held, bar_deviations
 from pgdl_lab.learning.separable import Prior, SeparableRegression, chebyshev
 
 LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
@@ -42,10 +42,10 @@ def decompose(
     """
     posterior = regression.posterior(prior, draws, rng)
 
-    def ratios(held: Held) -> Floats:
+    def ratios(held: Held, judged: Held) -> Floats:
         mean, deviation = regression.at_samples(regression.posterior(prior, LEARNING_DRAWS, rng, kept=~held))
-        expected_mm = np.sqrt((deviation[held] ** 2).mean(axis=1) + prior.noise_mm**2)
-        return np.abs(mean - regression.samples.displacements_mm)[held] / expected_mm[:, None]
+        expected_mm = np.sqrt((deviation[judged] ** 2).mean(axis=1) + prior.noise_mm**2)
+        return np.abs(mean - regression.samples.displacements_mm)[judged] / expected_mm[:, None]
 
     bar_kpa, deviations = bar_deviations(regression.samples.pressures_kpa, ratios, rng)
     # with draws = Q R, the covariance is Rᵀ R
@@ -81,7 +81,8 @@ def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     _, root = np.linalg.qr(polynomials)
     left, sizes, right = np.linalg.svd(root @ coefficients, full_matrices=False)
     rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(pressures_kpa) / coefficients.shape[1])  # from each on
-    most_mm = min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
+    scale = min(1.0, float(state["bar_deviations"].min()) / NORMAL)  # what bars make of the standard deviations
+    most_mm = scale * min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
     count = max(1, int((rest_mm > most_mm).sum()))
     size = np.sqrt(coefficients.shape[1])  # modes of unit root mean square: the amplitudes carry the unit
     kept = size * right[:count].reshape(count, -1, 2).transpose(1, 0, 2)

@@ -69,7 +69,7 @@ def test_no_more_modes_are_kept_than_tell_the_field_from_what_is_not_known_of_it
         """Number of modes, and how far the field of them is from the whole one [mm]."""
         spread = np.zeros((500, 5, 5))
         spread[:, 0, 0] = deviation_mm  # the same at all pressures
-        state = {**whole, "spread": spread, "noise_mm": np.array(noise_mm)}
+        state = {**whole, "spread": spread, "noise_mm": np.array(noise_mm), "bar_deviations": np.array([2.0, 3.0])}
         few = compressed({name: torch.from_numpy(array) for name, array in state.items()})
         fields = [np.einsum("pd,dk,nkc", polynomials, state["amplitudes"], state["modes"]) for state in (whole, few)]
         return few["modes"].shape[1], float(np.sqrt(((fields[1] - fields[0]) ** 2).mean()))
