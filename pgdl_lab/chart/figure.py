@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pgdl_lab.chart.labels import place
-from pgdl_lab.chart.point import Point, pareto
+from pgdl_lab.chart.point import TIE_ERROR, TIE_TIME, Point, pareto
 from pgdl_lab.chart.reference import Errors
 from pgdl_lab.files import replacing
 
@@ -59,7 +59,12 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
     axes[0].plot([], [], "o", color="0.4", mfc="white", label="the surrogate's own part")
     axes[0].plot([], [], color="0.3", lw=1, drawstyle="steps-post", label="Pareto front")
     axes[0].fill_between([], [], color="0.85", label="uncertainty of the reference")
-    axes[0].plot([], [], " ", label="bold: on the front")
+    axes[0].plot(
+        [],
+        [],
+        " ",
+        label=f"bold: on the front, shared within {TIE_TIME - 1:.0%} of the time and {TIE_ERROR - 1:.0%} of the error",
+    )
     figure.legend(loc="outside lower center", ncols=7, frameon=False, title=_missing(points))
     figure.suptitle(title)
     figure.canvas.draw()  # the layout has to stand before there is room to look for
