@@ -6,8 +6,8 @@ The default finger, its full field of 4,439 points and its tip, at one pressure 
 99th percentile on one thread and, if this process may use as many processors, on two, beside the size of the file and
 the largest difference from the original over 10,000 random queries. Forms: `original` and `numpy` prepared for the
 points (`surrogate.at`), as a control loop does; `torch.export` and `onnx` look the points up in every call. Networks
-are trained for one epoch and what is learnt in rounds in one, as that does not matter here. At the end a loop of 1 kHz:
-every millisecond a place for the tip becomes a pressure, and the pressure the tip and the full field.
+are trained for one epoch, as their weights do not matter here. At the end a loop of 1 kHz: every millisecond a place
+for the tip becomes a pressure, and the pressure the tip and the full field.
 """
 
 import argparse
@@ -17,9 +17,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pgdl_lab import cache, paths
 from pgdl_lab.composing import experiment
@@ -30,8 +33,8 @@ from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.surrogate import Surrogate
 
 MODELS = {
-    "hybrid": ["model=hybrid", "model.rounds=1", "model.folds=2"],
-    "pod": ["model=pod", "model.rounds=1"],
+    "hybrid": ["model=hybrid", "model.folds=2"],
+    "pod": ["model=pod"],
     "finite_element": ["model=finite_element"],
     "body": ["model=body"],
     "mlp": ["model=mlp"],
@@ -39,6 +42,7 @@ MODELS = {
 }
 THREADS = [count for count in (1, 2) if count <= len(os.sched_getaffinity(0))]
 Call = Callable[[float], object]
+Floats = NDArray[np.float64]
 
 
 def main() -> None:
@@ -100,12 +104,11 @@ def forms(
         return [(count, which.at(where)) for count in THREADS for where in (tip, points)]
 
     def unprepared(predict: Callable[[int], Predict]) -> list[tuple[int, Call]]:
-        calls: list[tuple[int, Call]] = []
-        for count in THREADS:
-            made = predict(count)
-            for where in (tip, points):
-                calls.append((count, lambda kpa, made=made, where=where: made(where, np.array([kpa]))))  # type: ignore[misc]
-        return calls
+        def asked(made: Predict, where: Floats, kpa: float) -> Any:
+            return made(where, np.array([kpa]))
+
+        made = [(count, predict(count)) for count in THREADS]
+        return [(count, partial(asked, each, where)) for count, each in made for where in (tip, points)]
 
     yield "original", (folder / "surrogate.pt").stat().st_size, "", prepared(surrogate)
     for form in export(surrogate, folder / "export"):
@@ -117,9 +120,13 @@ def forms(
 
             yield form.name, size, difference, prepared(load(form.path, outside="ignore"))
         elif form.name == "onnx":
-            yield form.name, size, difference, unprepared(lambda count, path=form.path: read_onnx(path, count))  # type: ignore[misc]
+            yield form.name, size, difference, unprepared(partial(read_onnx, form.path))
         else:
-            yield form.name, size, difference, unprepared(lambda _, predict=form.predict: predict)  # type: ignore[misc]
+            yield form.name, size, difference, unprepared(partial(_whatever_threads, form.predict))
+
+
+def _whatever_threads(predict: Predict, _: int) -> Predict:
+    return predict
 
 
 def measured(call: Call, snapshots: Snapshots, seconds: float, count: int) -> str:

@@ -161,7 +161,8 @@ def _slices(
         axis.plot(above, [1.0] * len(above), "|", color="tab:red", ms=7, transform=axis.get_xaxis_transform())
         axis.set(xlabel=name)
         _scale(axis, "y", [trial.values[0] for trial in trials])
-        if axis.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+        place = axis.get_subplotspec()
+        if place is None or place.is_first_col():
             axis.set_ylabel(objective)
         else:
             axis.tick_params(labelleft=False)

@@ -253,14 +253,12 @@ def _threads(count: int) -> Iterator[None]:
 
 def _first(space: Space) -> list[str]:
     """Some settings of the space without conditions: a wrong name shows before any work."""
-    fixed = optuna.trial.FixedTrial(
-        {
-            each.name: each.distribution.choices[0]
-            if isinstance(each.distribution, optuna.distributions.CategoricalDistribution)
-            else each.distribution.low  # type: ignore[attr-defined]
-            for each in space.parameters
-        }
-    )
+
+    def least(distribution: Any) -> Any:
+        categorical = isinstance(distribution, optuna.distributions.CategoricalDistribution)
+        return distribution.choices[0] if categorical else distribution.low
+
+    fixed = optuna.trial.FixedTrial({each.name: least(each.distribution) for each in space.parameters})
     return space.suggest(fixed)
 
 
