@@ -26,10 +26,10 @@ def test_an_experiment_is_made_of_plugins() -> None:
     assert registry.describe(made.split)["name"] == "extrapolate"
     assert {name: loss.weight for name, loss in made.loss.items()} == {"data": 1.0, "boundary": 2.0}
     assert made.seed == 5
-    assert registry.describe(made.yardstick)["name"] == "pod"
+    assert registry.describe(made.yardstick)["name"] == "finite_element"
 
 
-@pytest.mark.parametrize("typed", ["yardstick=null", "model=pod"])
+@pytest.mark.parametrize("typed", ["yardstick=null", "model=finite_element"])
 def test_no_yardstick_is_measured_where_none_is_wanted_or_it_is_the_model(typed: str) -> None:
     assert experiment.Experiment.from_config(composed(typed)).yardstick is None
 
