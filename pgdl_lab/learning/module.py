@@ -62,7 +62,8 @@ class TrainingModule(pl.LightningModule):
     seed
         Fixes batches and drawn points.
     patience
-        Epochs without a better state, after which the training ends; None: it never ends before its budget.
+        Epochs without a better state, or without one that surely gains on the start, after which the training ends;
+        None: it never ends before its budget.
     """
 
     def __init__(
@@ -223,9 +224,10 @@ class TrainingModule(pl.LightningModule):
             self._diverged("a weight is no longer finite")
         self.last_good = self._weights()
         self._keep_best()
-        waited = self.current_epoch + 1 - self.best.get("epoch", 0)
-        if self.best and self.patience is not None and waited >= self.patience and not self.stopped:
-            self._stop(f"no better state in {waited} epochs")
+        if self.best and self.patience is not None and not self.stopped:
+            waited = self.current_epoch + 1 - (self.best["epoch"] if self._gained() else 0)
+            if waited >= self.patience:
+                self._stop(f"no surely better state in {waited} epochs")
         last = self.trainer.should_stop or self.current_epoch + 1 >= self.budget.max_epochs
         least = self.budget.log_every_s and max(self.budget.log_every_s, self._recording_s / RECORDING)
         if last or not self.history or self.seconds - self.history[-1]["seconds"] >= least:
@@ -252,11 +254,14 @@ class TrainingModule(pl.LightningModule):
         elif state["mse"] < self.best["mse"]:
             self.best |= {**state, "epoch": self.current_epoch + 1}
 
+    def _gained(self) -> bool:
+        """Whether the best state surely errs less than that before the first step."""
+        return surely_less(self.best["errors"], self.best["start"]["errors"])
+
     def _restore_best(self) -> None:
         if not self.best:
             return
-        start = self.best["start"]
-        gained = surely_less(self.best["errors"], start["errors"])
+        start, gained = self.best["start"], self._gained()
         kept = self.best if gained else start
         self.objective.field.load_state_dict(kept["weights"], strict=False)
         _log.info(

@@ -39,7 +39,8 @@ class TrainedModel(Model):
     dtype
         "float32" or "float64".
     patience
-        Epochs without a better state on the points set aside, after which training ends; null: at its budget's end.
+        Epochs without a better state on the points set aside, or without one that surely gains on the start, after
+        which training ends; null: at its budget's end.
     """
 
     depth: int = 4

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.learning.module import TrainingDiverged
+from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.model import Model
 from pgdl_lab.registry import discover, plugin
 from tests.trainings import TRAIN, small, training
@@ -55,6 +55,18 @@ def test_body_learns_what_the_plane_hides(tmp_path: Path) -> None:
         error = trained.predict(data.points, data.pressures_kpa) - data.displacements
         mse[name] = (error.reshape(-1, 2)[unseen] ** 2).mean()
     assert mse["body"] < 0.2 and mse["body"] < mse["mlp"] / 10
+
+
+@pytest.mark.parametrize(("gained", "epochs"), [(False, 4), (True, 12)])
+def test_patience_ends_with_gains_that_may_be_chance(
+    gained: bool, epochs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TrainingModule, "_gained", lambda _: gained)
+    given = training(tmp_path, {"data": {}}, max_epochs=12, batch_size=128, validation=0.2)
+    history = mlp(patience=4).fit(given).record.history
+    validation = [entry["validation"] for entry in history]
+    assert validation[-1] < validation[0]  # it is getting better all the time
+    assert history[-1]["epoch"] == epochs
 
 
 def test_history_has_raw_weighted_and_shares(tmp_path: Path) -> None:
