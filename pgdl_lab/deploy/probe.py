@@ -33,8 +33,8 @@ class Probe(ABC):
 class PolynomialProbe(Probe):
     """Displacements that are a sum of modes whose amplitudes are polynomials in the pressure.
 
-    The sums are taken in one order whatever the processor, so that they are the same to the last bit on every machine;
-    a matrix product, whose order is the library's, would be twice as fast.
+    The sums are taken by NumPy's own loops, in one order whatever the processor, so that they are the same to the last
+    bit on every machine; a matrix product, whose order is the library's, would take two thirds of the time.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ class PolynomialProbe(Probe):
         return self._sum(slopes[: len(values)])
 
     def _sum(self, weights: list[float]) -> Floats:
-        total = np.array(weights)
+        total: Floats = np.array(weights)
         for term in self._terms:
-            total = np.add.reduce(total[:, None] * term, axis=0)
+            total = np.einsum("k,kn->n", total, term)
         return total.reshape(self._shape)
 
 
