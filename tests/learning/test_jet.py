@@ -186,7 +186,8 @@ def test_a_compiled_training_gives_the_same_field(tmp_path: Path) -> None:
     fields: list[Surrogate] = []
     for compiled in (False, True):
         given = training(tmp_path / str(compiled), losses)
-        settings = replace(given.trainer, compile=compiled, max_epochs=2, validation=0.2)
+        # the learning rate follows the time, of which compiling takes much
+        settings = replace(given.trainer, compile=compiled, max_epochs=2, max_time="10:00:00", validation=0.2)
         model = plugin("model", "mlp")(depth=2, width=8, activation="tanh", dtype="float64")
         fields.append(model.fit(replace(given, trainer=settings)))
     points = fields[0].face.mesh.points_mm
