@@ -1,0 +1,56 @@
+"""Whether the charts' reference is as sure as it says: beside a simulation finer than both of its meshes.
+
+    python benchmarks/reference.py --finger joints --edge 0.9
+
+The reference of `task=chart` is extrapolated from edges of 3 and 1.5 mm, and its band is a third of their distance.
+Both meshes and the extrapolation are compared with one more simulation, at the same points and pressures. Simulations are kept in runs/snapshots as those of any run.
+"""
+
+import argparse
+from typing import Any
+
+from omegaconf import OmegaConf
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import cache, paths
+from pgdl_lab.chart.reference import Errors, find_reference
+from pgdl_lab.chart.settings import ChartSettings
+from pgdl_lab.composing import composed
+from pgdl_lab.experiment import Experiment
+from pgdl_lab.registry import plugin
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="The reference of the charts beside a finer simulation.")
+    parser.add_argument("--finger", default="joints")
+    parser.add_argument("--edge", type=float, default=0.9, help="longest edges of the finer mesh [mm]")
+    given = parser.parse_args()
+    config = composed([f"finger={given.finger}", "task=chart"])
+    experiment, chart = Experiment.from_config(config), OmegaConf.to_container(config.chart)
+    settings = ChartSettings(**{str(name): value for name, value in dict(chart).items()})  # type: ignore[arg-type]
+    judged, store = settings.judgement(experiment.observation), paths.RUNS / "snapshots"
+    reference = find_reference(experiment.finger, settings.reference, judged, store)
+    fields: dict[str, Any] = {**settings.reference, "edge_mm": given.edge}
+    finer, *_ = cache.simulate(experiment.finger, plugin("fem", fields.pop("name"))(**fields), judged, store)
+
+    unknowns = f"{finer.provenance['mesh']['degrees_of_freedom']:,} unknowns, {finer.provenance['seconds']:.0f} s"
+    table = Table(title=f"{given.finger}: distance from edges of {given.edge:g} mm ({unknowns}), mm")
+    for column in ("", "RMS", "largest", "tip"):
+        table.add_column(column, justify="right" if column else "left")
+    rows = {f"edges of {edge:g} mm": each.displacements
+            for edge, each in zip(reference.edges_mm, (reference.coarse, reference.fine), strict=True)}  # fmt: skip
+    for name, displacements in {**rows, "extrapolated": reference.displacements}.items():
+        errors = Errors.of(displacements - finer.displacements, reference.tip)
+        table.add_row(name, *_cells(errors))
+    table.add_row("band of the reference", *_cells(reference.uncertainty))
+    Console(width=110).print(table)
+
+
+def _cells(errors: Errors) -> tuple[str, str, str]:
+    return f"{errors.rms_mm:.3f}", f"{errors.largest_mm:.3f}", f"{errors.tip_mm:.3f}"
+
+
+if __name__ == "__main__":
+    main()
