@@ -7,7 +7,7 @@ loss; a term costs time on top. Nothing is set aside and the last state counts, 
 better one would hide the harm that a term does. A weight is given as the error that it is worth: at `r` mm the term
 counts on the simulated displacement itself, on its floor, as much as data that err by r mm RMS. Results are appended to
 a file under runs/, where a later call goes on, for at most `seconds` (default: until all are done) and with some of the
-seeds (default: all); then the table is printed and the figure drawn. All of it takes half an hour on one core.
+seeds (default: all); then the table is printed and the figure drawn. All of it takes a quarter of an hour on one core.
 """
 
 import itertools
