@@ -3,7 +3,8 @@
 Hidden layers are taken as they are and the last one as a Bayesian linear regression on their outputs φ (D. MacKay,
 Bayesian interpolation, 1992; E. Daxberger et al., Laplace redux, 2021). The variance of its prediction at a place is
 1 + φᵀ (Φᵀ Φ + ρ I)⁻¹ φ times that of the noise, where Φ holds the φ of the training points: it grows where φ is unlike
-all of them. NumPy is all it needs.
+all of them. Hidden layers err too: where a field is a polynomial in the pressure, so is its error, which then grows
+beyond the trained pressures as polynomials do. NumPy is all it needs.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ Floats = NDArray[np.float64]
 
 ROUNDS = 20  # of the fixed-point iteration for ρ, whose factor from one to the next is then below a percent
 BANDS, LEAST = 5, 100  # of the pressure, each scaled by itself, and the least number of samples in one
+BEYOND = np.linspace(0.1, 1.0, 10) ** 2  # of the highest trained pressure: how far above it bars are told for
 STATE = "bars."  # begins the names of its arrays in the state of a surrogate
 
 
@@ -35,8 +37,8 @@ class LastLayer:
     roots
         (K, H, K H), a root R of (Φᵀ Φ + ρ I)⁻¹ = R Rᵀ.
     kpa, bar_mm
-        (B,) each: rising pressures, the last but one the highest trained and the last one above it, and what the root
-        of the variance is multiplied by there [kPa, mm].
+        (B,) each: rising pressures, trained ones and those above them, and what the root of the variance is multiplied
+        by there [kPa, mm].
     """
 
     roots: NDArray[np.float32]
@@ -51,12 +53,14 @@ class LastLayer:
         targets_mm: Floats,
         errors_mm: Floats,
         held: NDArray[np.bool_],
+        above: Floats,
     ) -> LastLayer:
         """Error bars that cover 95 % of the errors at the samples set aside, or at all if there are none.
 
         Errors at training points themselves are counted as those of a last layer that was fitted without each, by the
         formula of leaving one out. Beyond the trained pressures the bars also hold what it costs to fit the last layer
-        without the highest of them and to predict those, more than to predict the ones in between.
+        without the highest of them and to predict those, more than to predict the ones in between. All of that grows
+        there as the standard deviation of a polynomial in the pressure does that has noise at all samples.
 
         Parameters
         ----------
@@ -66,6 +70,8 @@ class LastLayer:
             (n,), (n, 2) and (n, 2), of the samples: what the last layer was to give, and what the network errs by.
         held
             (n,), the samples that it did not learn from.
+        above
+            (len(BEYOND), K), features of the pressures that lie as far above the highest.
         """
         products = np.einsum("nh,nk->nkh", *features).reshape(len(pressures_kpa), -1)
         root, _ = _regression(products[~held], targets_mm[~held])
@@ -86,8 +92,9 @@ class LastLayer:
             missed = products @ weights - targets_mm
             known = _quantile(missed[below] / (1 - leverage_below[below])[:, None], leverage_below[below])
             more = max(_quantile(missed[top], leverage_below[top]) ** 2 - known**2, 0.0)
-        kpa = [*(float(np.median(pressures_kpa[band])) for band in bands[:-1]), highest, (1 + ABOVE) * highest]
-        bar_mm.append(float(np.hypot(bar_mm[-1], np.sqrt(more))))
+        kpa = [*(float(np.median(pressures_kpa[band])) for band in bands[:-1]), highest, *((1 + BEYOND) * highest)]
+        grown = np.hypot(bar_mm[-1], np.sqrt(more) * np.minimum(BEYOND / ABOVE, 1))
+        bar_mm += list(grown * _growth(features[1], features[1][pressures_kpa.argmax()], above))
         hidden, orders = (part.shape[1] for part in features)
         roots = root.reshape(orders, hidden, -1).astype(np.float32)
         return cls(roots, np.array(kpa), np.array(bar_mm))
@@ -109,6 +116,14 @@ class LastLayer:
         _, triangle = np.linalg.qr(np.einsum("k,khf->fh", pressure, self.roots))
         variance = 1 + ((place @ triangle.T) ** 2).sum(axis=1)
         return np.interp(kpa, self.kpa, self.bar_mm) * np.sqrt(variance)
+
+
+def _growth(trained: Floats, highest: Floats, above: Floats) -> Floats:
+    """Standard deviation of a fit with noise at all samples (n, K): above (M, K) the highest (K,), by that at it."""
+    information = np.linalg.pinv(trained.T @ trained)
+    variance = np.einsum("mk,kl,ml->m", above, information, above) / (highest @ information @ highest)
+    growth: Floats = np.sqrt(np.maximum.accumulate(np.maximum(variance, 1.0)))
+    return growth
 
 
 def _quantile(errors_mm: Floats, leverage: Floats) -> float:

@@ -13,7 +13,7 @@ from torch import Tensor
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import Field, ReadOutField
-from pgdl_lab.learning.last_layer import LastLayer
+from pgdl_lab.learning.last_layer import BEYOND, LastLayer
 from pgdl_lab.surrogate import Record, Surrogate
 
 Floats = NDArray[np.float64]
@@ -71,7 +71,10 @@ def last_layer(field: ReadOutField, samples: Samples, held: NDArray[np.bool_]) -
     errors_mm = whole - samples.displacements_mm
     if not all(np.isfinite(array).all() for array in (*features, errors_mm)):
         return None
-    return LastLayer.fitted(features, samples.pressures_kpa, samples.displacements_mm - beside, errors_mm, held)
+    anywhere, above_kpa = coordinates[:, :1].expand(-1, len(BEYOND), -1), (1 + BEYOND) * samples.pressures_kpa.max()
+    _, above = _features(field, anywhere, above_kpa)
+    targets_mm = samples.displacements_mm - beside
+    return LastLayer.fitted(features, samples.pressures_kpa, targets_mm, errors_mm, held, above)
 
 
 @torch.no_grad()

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 import torch
 
-from pgdl_lab.learning.last_layer import STATE, LastLayer
+from pgdl_lab.learning.last_layer import BEYOND, STATE, LastLayer
 from pgdl_lab.registry import discover, plugin
 from tests.trainings import TRAIN, small, training
 
 discover()
 ONE = np.ones(1)
+SAME = np.ones((len(BEYOND), 1))
 
 
 def straight(
@@ -25,7 +26,7 @@ def straight(
     aside = np.arange(count) < held
     weights = np.linalg.lstsq(place[~aside], targets[~aside])[0]
     given = (place, np.ones((count, 1))), kpa, targets, place @ weights - targets, aside
-    return given, LastLayer.fitted(*given)
+    return given, LastLayer.fitted(*given, SAME)
 
 
 def at(layer: LastLayer, kpa: float) -> float:
@@ -53,14 +54,32 @@ def test_bars_grow_beyond_the_pressures_by_what_a_fit_below_missed() -> None:
     assert at(bent, 56.0) > 1.2 * at(bent, 50.0) and at(bent, 75.0) > at(bent, 56.0)
 
 
+def test_bars_of_polynomials_in_the_pressure_grow_as_those_of_many_fits_spread() -> None:
+    rng = np.random.default_rng(2)
+    kpa, highest = rng.uniform(0, 50, 2000), 50.0
+    kpa[0] = highest
+
+    def orders(of: Any) -> Any:
+        return np.vander(np.atleast_1d(of) / highest, 4)
+
+    noise = 0.1 * rng.standard_normal((2000, 2))
+    above = orders((1 + BEYOND) * highest)
+    layer = LastLayer.fitted((np.ones((2000, 1)), orders(kpa)), kpa, noise, noise, np.zeros(2000, dtype=bool), above)
+    asked = (1 + BEYOND[[1, 3, 5]]) * highest
+    many = np.linalg.lstsq(orders(kpa), rng.standard_normal((2000, 500)))[0]
+    spread = (orders(asked) @ many).std(axis=1) / (orders(highest) @ many).std()
+    bars = [layer.bars(np.ones((1, 1)), orders(each)[0], each)[0] for each in (highest, *asked)]
+    assert np.array(bars[1:]) / bars[0] == pytest.approx(spread, rel=0.1)
+
+
 def test_products_of_place_and_pressure_are_one_regression() -> None:
     rng = np.random.default_rng(1)
     place, orders = rng.standard_normal((500, 4)), rng.standard_normal((500, 3))
     kpa, targets = rng.uniform(1, 50, 500), rng.standard_normal((500, 2))
     errors, held = 0.1 * targets, np.zeros(500, dtype=bool)
-    layer = LastLayer.fitted((place, orders), kpa, targets, errors, held)
+    layer = LastLayer.fitted((place, orders), kpa, targets, errors, held, rng.standard_normal((len(BEYOND), 3)))
     products = np.einsum("nk,nh->nkh", orders, place).reshape(500, -1)
-    plain = LastLayer.fitted((products, np.ones((500, 1))), kpa, targets, errors, held)
+    plain = LastLayer.fitted((products, np.ones((500, 1))), kpa, targets, errors, held, SAME)
     for i in range(5):
         several = layer.bars(place[i : i + 1], orders[i], float(kpa[i]))
         assert several == pytest.approx(plain.bars(products[i : i + 1], ONE, float(kpa[i])), rel=1e-4)
