@@ -1,4 +1,9 @@
-"""The converged reference: Richardson extrapolation from two meshes, with what is left uncertain."""
+"""The converged reference: Richardson extrapolation from two meshes, with what is left uncertain.
+
+How much that is shows on a third mesh with twice the edges of the coarser one: errors that shrink by a factor from mesh
+to mesh leave the rest of a geometric series. They need not: where the walls get a second layer of elements, they may
+change sign instead (benchmarks/reference.py).
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.cache import simulate
-from pgdl_lab.errors import InputError
+from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.registry import describe, field_names, plugin
 from pgdl_lab.snapshots import Observation, Snapshots
@@ -17,8 +22,8 @@ Array = NDArray[np.float64]
 
 ORDER = 3
 """Order of convergence that is extrapolated with: the element chart (benchmarks/elements.py) shows 3.4 and 4.6."""
-CAUTIOUS_ORDER = 2
-"""Order that the uncertainty is told by: with it, a third of the distance of the two meshes is left."""
+SHRINKING = 1 / 4, 1 / 2
+"""Least and largest factor from mesh to mesh that is believed: they leave a third and all of the last distance."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,8 @@ class Reference:
 
     Attributes
     ----------
+    coarser
+        A simulation on a mesh with twice the edges of `coarse`; None: there is none.
     coarse, fine
         The two simulations, the second on a mesh with half the edges.
     edges_mm
@@ -59,6 +66,7 @@ class Reference:
         Their files, whose names tell everything that determines them.
     """
 
+    coarser: Snapshots | None
     coarse: Snapshots
     fine: Snapshots
     edges_mm: tuple[float, float]
@@ -72,7 +80,11 @@ class Reference:
     @property
     def uncertainty(self) -> Errors:
         """What the reference itself may err by."""
-        return Errors.of(self._step / (2**CAUTIOUS_ORDER - 1), self.tip)
+        factor = max(SHRINKING)
+        if self.coarser is not None:
+            before = np.linalg.norm(self.coarse.displacements - self.coarser.displacements)
+            factor = float(np.clip(np.linalg.norm(self._step) / max(before, np.finfo(float).tiny), *SHRINKING))
+        return Errors.of(self._step * factor / (1 - factor), self.tip)
 
     @property
     def tip(self) -> int:
@@ -98,12 +110,12 @@ class Reference:
 
 
 def find_reference(finger: Finger, description: dict[str, Any], observation: Observation, folder: Path) -> Reference:
-    """Simulate `finger` on two meshes, or take what is in `folder`.
+    """Simulate `finger` on three meshes, or take what is in `folder`.
 
     Parameters
     ----------
     description
-        Name and fields of the finite-element model, with `edge_mm` of the coarser mesh.
+        Name and fields of the finite-element model, with `edge_mm` of the coarser of the two extrapolated from.
 
     Raises
     ------
@@ -119,7 +131,7 @@ def find_reference(finger: Finger, description: dict[str, Any], observation: Obs
             f"chart.reference.name={description['name']} needs an edge_mm that can be halved: choose solid and give it."
         )
     edge = fields["edge_mm"]
-    coarse, fine = (model(**{**fields, "edge_mm": length}) for length in (edge, edge / 2))
+    coarser, coarse, fine = (model(**{**fields, "edge_mm": length}) for length in (2 * edge, edge, edge / 2))
     (first, first_path, _), (second, second_path, _) = (
         simulate(finger, fem, observation, folder) for fem in (coarse, fine)
     )
@@ -128,4 +140,8 @@ def find_reference(finger: Finger, description: dict[str, Any], observation: Obs
             f"finger={describe(finger)['name']} has the same mesh for edges of {edge:g} and {edge / 2:g} mm, so there "
             "is no converged reference: choose a finger that is meshed here, or a lower chart.reference.edge_mm."
         )
-    return Reference(first, second, (edge, edge / 2), (first_path, second_path))
+    try:
+        before: Snapshots | None = simulate(finger, coarser, observation, folder)[0]
+    except LabError:  # too coarse a mesh for this finger
+        before = None
+    return Reference(before, first, second, (edge, edge / 2), (first_path, second_path))

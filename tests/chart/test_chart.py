@@ -1,6 +1,7 @@
 import csv
 import json
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,6 +27,7 @@ from tests.fingers import pneunet
 
 FACTOR = 1.5  # by which an error may grow: other machines round otherwise, and trainings carry that on
 NOTHING_MM = 1e-6  # errors below this are not compared
+EXACT = np.array([[[1.0, -2.0], [3.0, 0.5]]])
 
 
 def errors(size: float) -> Errors:
@@ -117,15 +119,34 @@ def test_break_even() -> None:
     assert Point("slow", "surrogate", train_s=1, query_ms=20_000).break_even(solver) == np.inf
 
 
-def test_the_reference_is_extrapolated_with_its_order() -> None:
-    exact, edge = np.array([[[1.0, -2.0], [3.0, 0.5]]]), 2.0
+def simulated(of_edge: Callable[[float], float], edge: float = 2.0) -> Reference:
+    """The reference from meshes whose displacements have a relative error."""
 
     def mesh(length: float) -> Any:
-        return SimpleNamespace(displacements=exact * (1 + 0.1 * length**3), base=np.array([0, 1]))
+        return SimpleNamespace(displacements=EXACT * (1 + of_edge(length)), base=np.array([0, 1]))
 
-    reference = Reference(mesh(edge), mesh(edge / 2), (edge, edge / 2), (Path(), Path()))
-    np.testing.assert_allclose(reference.displacements, exact, rtol=1e-14)
-    assert reference.errors(mesh(edge / 2).displacements).tip_mm < reference.uncertainty.tip_mm
+    return Reference(mesh(2 * edge), mesh(edge), mesh(edge / 2), (edge, edge / 2), (Path(), Path()))
+
+
+def test_the_reference_is_extrapolated_with_its_order() -> None:
+    reference = simulated(lambda length: 0.1 * length**3)
+    np.testing.assert_allclose(reference.displacements, EXACT, rtol=1e-14)
+    assert reference.errors(reference.fine.displacements).tip_mm < reference.uncertainty.tip_mm
+
+
+@pytest.mark.parametrize(("order", "left"), [(3, 1 / 3), (2, 1 / 3), (1.5, 0.547), (1, 1.0), (0.2, 1.0)])
+def test_the_reference_is_as_sure_as_its_meshes_have_come_nearer(order: float, left: float) -> None:
+    reference = simulated(lambda length: 0.1 * length**order)
+    step = Errors.of(reference.fine.displacements - reference.coarse.displacements, 1)
+    assert reference.uncertainty.rms_mm == pytest.approx(left * step.rms_mm, rel=1e-3)
+    if order >= 1:
+        assert reference.errors(EXACT).rms_mm < reference.uncertainty.rms_mm
+
+
+def test_a_reference_that_changes_sides_is_not_sure() -> None:
+    reference = simulated({4.0: 0.03, 2.0: -0.01, 1.0: 0.02}.__getitem__)
+    assert reference.errors(EXACT).rms_mm < reference.uncertainty.rms_mm
+    assert replace(reference, coarser=None).uncertainty == reference.uncertainty
 
 
 def test_errors_count_the_points_that_are_asked_for() -> None:
