@@ -26,7 +26,7 @@ from rich.table import Table
 
 from pgdl_lab import paths
 from pgdl_lab.cache import simulate
-from pgdl_lab.chart.reference import find_reference
+from pgdl_lab.chart.reference import Reference, find_reference
 from pgdl_lab.choosing.choice import Choice
 from pgdl_lab.choosing.climb import largest
 from pgdl_lab.choosing.settings import ChooseSettings
@@ -100,38 +100,46 @@ def result(name: str, tolerance_mm: float, only_found: bool) -> dict[str, Any] |
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(found, indent=1))
     stored: dict[str, Any] = json.loads(path.read_text())
-    return stored
+    return {**stored, "uncertainty_mm": reference(scene, case_of(scene)).uncertainty.largest_mm}
 
 
 def run(scene: Scene, tolerance_mm: float) -> dict[str, Any]:
     """Choose, then judge."""
-    case = replace(experiment(list(scene.typed)), observation=OBSERVATION)
-    case = replace(case, split=replace(case.split, points=OBSERVATION.snapshots * OBSERVATION.points // 20))
+    case = case_of(scene)
     ladder: Any = OmegaConf.to_container(OmegaConf.load(paths.CONF / "task" / "choose.yaml"))
     settings = ChooseSettings(tolerance_mm, None, BUDGET_MS, **ladder["choose"])
     began = time.perf_counter()
     choice = choose(case, settings, SNAPSHOTS)
     waited = time.perf_counter() - began
-    error, uncertain = judge(scene, case, choice)
     return {
         **choice.record(),
-        "error_mm": error,
-        "uncertainty_mm": uncertain,
+        "error_mm": error(scene, case, choice),
         "brute_force_s": brute_force_s(scene, case, choice),
         "waited_s": waited,
     }
 
 
-def judge(scene: Scene, case: Experiment, choice: Choice) -> tuple[float, float]:
-    """Largest error of what was chosen, and of the reference itself [mm]."""
-    assert choice.snapshots is not None
+def case_of(scene: Scene) -> Experiment:
+    """Finger, observation and split of a scene."""
+    case = replace(experiment(list(scene.typed)), observation=OBSERVATION)
+    return replace(case, split=replace(case.split, points=OBSERVATION.snapshots * OBSERVATION.points // 20))
+
+
+def reference(scene: Scene, case: Experiment) -> Reference:
+    """What errors are measured against."""
     judged = Observation(5, OBSERVATION.points)
-    reference = find_reference(case.finger, {**REFERENCE, "edge_mm": scene.reference_mm}, judged, SNAPSHOTS)
-    which = reference.among(choice.snapshots.pressures_kpa)
+    return find_reference(case.finger, {**REFERENCE, "edge_mm": scene.reference_mm}, judged, SNAPSHOTS)
+
+
+def error(scene: Scene, case: Experiment, choice: Choice) -> float:
+    """Largest error of what was chosen [mm]."""
+    assert choice.snapshots is not None
+    truth = reference(scene, case)
+    which = truth.among(choice.snapshots.pressures_kpa)
     shown = choice.snapshots.displacements[which]
     if choice.surrogate is not None:
         shown = choice.surrogate.predict(choice.snapshots.points, choice.snapshots.pressures_kpa[which])
-    return largest(shown - reference.displacements), reference.uncertainty.largest_mm
+    return largest(shown - truth.displacements)
 
 
 def brute_force_s(scene: Scene, case: Experiment, choice: Choice) -> float:
