@@ -2,7 +2,7 @@
 
     python benchmarks/reference.py --finger joints --edge 0.9
 
-The reference of `task=chart` is extrapolated from edges of 3 and 1.5 mm, and its band is a third of their distance.
+The reference of `task=chart` is extrapolated from edges of 3 and 1.5 mm, and its band half or all of their distance.
 Both meshes and the extrapolation are compared with one more simulation, at the same points and pressures.
 Simulations are kept in runs/snapshots as those of any run.
 """

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 
 ORDER = 3
 """Order of convergence that is extrapolated with: the element chart (benchmarks/elements.py) shows 3.4 and 4.6."""
-SHRINKING = 1 / 4, 1 / 2
-"""Least and largest factor from mesh to mesh that is believed: they leave a third and all of the last distance."""
+SHRINKING = 1 / 3, 1 / 2
+"""Least and largest factor from mesh to mesh that is believed: they leave half and all of the last distance."""
 
 
 @dataclass(frozen=True)
