@@ -2,7 +2,7 @@
 
     python benchmarks/reference.py --finger joints --edge 0.9
 
-The reference of `task=chart` is extrapolated from edges of 3 and 1.5 mm, and its band half or all of their distance.
+The reference of `task=chart` is extrapolated from edges of 3 and 1.5 mm, and its band is half or all of their distance.
 Both meshes and the extrapolation are compared with one more simulation, at the same points and pressures.
 Simulations are kept in runs/snapshots as those of any run.
 """
@@ -10,16 +10,16 @@ Simulations are kept in runs/snapshots as those of any run.
 import argparse
 from typing import Any
 
-from omegaconf import OmegaConf
 from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab import cache, paths
-from pgdl_lab.chart.reference import Errors, find_reference
-from pgdl_lab.chart.settings import ChartSettings
+from pgdl_lab.chart.bench import Bench
+from pgdl_lab.chart.reference import Errors
 from pgdl_lab.composing import composed
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.registry import plugin
+from pgdl_lab.tasks.chart import chart_settings
 
 
 def main() -> None:
@@ -29,12 +29,13 @@ def main() -> None:
     parser.add_argument("--edge", type=float, default=0.9, help="longest edges of the finer mesh [mm]")
     given = parser.parse_args()
     config = composed([f"finger={given.finger}", "task=chart"])
-    experiment, chart = Experiment.from_config(config), OmegaConf.to_container(config.chart)
-    settings = ChartSettings(**{str(name): value for name, value in dict(chart).items()})  # type: ignore[arg-type]
-    judged, store = settings.judgement(experiment.observation), paths.RUNS / "snapshots"
-    reference = find_reference(experiment.finger, settings.reference, judged, store)
+    experiment, settings = Experiment.from_config(config), chart_settings(config)
+    bench = Bench(experiment, settings, paths.RUNS)
+    reference, judged = bench.reference, settings.judgement(experiment.observation)
     fields: dict[str, Any] = {**settings.reference, "edge_mm": given.edge}
-    finer, *_ = cache.simulate(experiment.finger, plugin("fem", fields.pop("name"))(**fields), judged, store)
+    finer, *_ = cache.simulate(
+        experiment.finger, plugin("fem", fields.pop("name"))(**fields), judged, bench.folder / "snapshots"
+    )
 
     unknowns = f"{finer.provenance['mesh']['degrees_of_freedom']:,} unknowns, {finer.provenance['seconds']:.0f} s"
     table = Table(title=f"{given.finger}: distance from edges of {given.edge:g} mm ({unknowns}), mm")

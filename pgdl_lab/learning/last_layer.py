@@ -120,6 +120,7 @@ class LastLayer:
 
 def _growth(trained: Floats, highest: Floats, above: Floats) -> Floats:
     """Standard deviation of a fit with noise at all samples (n, K): above (M, K) the highest (K,), by that at it."""
+    # pressures fewer than orders leave some of these untold: they do not count
     information = np.linalg.pinv(trained.T @ trained)
     variance = np.einsum("mk,kl,ml->m", above, information, above) / (highest @ information @ highest)
     growth: Floats = np.sqrt(np.maximum.accumulate(np.maximum(variance, 1.0)))

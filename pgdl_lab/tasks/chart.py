@@ -7,7 +7,7 @@ import math
 from dataclasses import asdict, replace
 from typing import Any
 
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -42,7 +42,7 @@ def run(job: Job) -> list[Point]:
     SimulationStopped
         When the finger cannot bear the highest pressure.
     """
-    settings = chart_settings(job)
+    settings = chart_settings(job.config)
     experiment = job.experiment
     if job.config.quick:
         settings = settings.quick()
@@ -66,11 +66,11 @@ def run(job: Job) -> list[Point]:
     return points
 
 
-def chart_settings(job: Job) -> ChartSettings:
+def chart_settings(config: DictConfig) -> ChartSettings:
     """Settings of the chart, checked; raises InputError."""
-    if not isinstance(job.config.quick, bool):
-        raise InputError(f"quick is {job.config.quick!r}; it must be true or false.")
-    given: Any = OmegaConf.to_container(job.config.chart)
+    if not isinstance(config.quick, bool):
+        raise InputError(f"quick is {config.quick!r}; it must be true or false.")
+    given: Any = OmegaConf.to_container(config.chart)
     try:
         return ChartSettings(**given)
     except TypeError as error:

@@ -125,6 +125,7 @@ def test_plays_and_pauses(window: Chrome) -> None:
     assert window.execute_script("return state.playing")
     play.click()
     stopped = shown_kpa(window)
+    assert stopped != 10
     window.execute_async_script("setTimeout(arguments[0], 200)")
     assert shown_kpa(window) == stopped
 
