@@ -27,6 +27,7 @@ FORMAT = "pgdl_lab surrogate"
 VERSION = 3
 AT_REST = 0.1  # of the highest trained pressure: if the lowest lies below that, all from 0 kPa on count as trained
 ROUNDING = 1e-9  # of the highest trained pressure
+BEYOND = 1.25  # times the highest trained pressure: as far as a surrogate is made to be asked
 UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}
 
 Floats = NDArray[np.float64]

@@ -29,7 +29,7 @@ MODELS = {
     "finite_element": {"degree": 3},
     "pod": {"degree": 3, "rounds": 1, "draws": 8},
     "gaussian_process": {"points": 200, "modes": 16},
-    "hybrid": {"degree": 3, "inputs": 2, "rounds": 1, "folds": 2, "width": 4},
+    "hybrid": {"degree": 3, "rounds": 1, "width": 4},
 }
 
 

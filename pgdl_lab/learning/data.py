@@ -46,6 +46,10 @@ class Samples:
         snapshot, node = np.divmod(indices, len(snapshots.points))
         return cls(snapshots.points[node], snapshots.pressures_kpa[snapshot], snapshots.displacements[snapshot, node])
 
+    def at(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
+        """Some of these, by their indices (m,) or a mask (n,)."""
+        return Samples(self.points_mm[which], self.pressures_kpa[which], self.displacements_mm[which])
+
     def ranges(self) -> dict[str, list[float]]:
         """Least and greatest value: "x_mm", "z_mm" and "pressure_kpa"."""
         columns = {"x_mm": self.points_mm[:, 0], "z_mm": self.points_mm[:, 1], "pressure_kpa": self.pressures_kpa}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,8 @@ def fit(model: TrainedModel, training: Training) -> Surrogate:
     TrainingDiverged
         When a loss or a weight is no longer finite; carries the surrogate of the last good weights.
     """
+    if not training.optimizer.stages:
+        training = replace(training, optimizer=replace(training.optimizer, name=model.optimizer))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(training.seed)
         field, samples = model.begin(training)
@@ -49,7 +52,7 @@ def fit(model: TrainedModel, training: Training) -> Surrogate:
     def surrogate() -> Surrogate:
         record = Record(training.samples.ranges(), dict(training.provenance), module.history, training.scene.face)
         with threads(training.trainer.threads):
-            return model.finished(field, record, samples, module.held)
+            return model.finished(field, record, training, module.held)
 
     if checkpoint is not None and _finished(checkpoint, training):
         module.load_state_dict(checkpoint["state_dict"])

@@ -74,7 +74,7 @@ class LastLayer:
             (len(BEYOND), K), features of the pressures that lie as far above the highest.
         """
         products = np.einsum("nh,nk->nkh", *features).reshape(len(pressures_kpa), -1)
-        root, _ = _regression(products[~held], targets_mm[~held])
+        root, _ = ridge_regression(products[~held], targets_mm[~held])
         leverage = ((products @ root) ** 2).sum(axis=1)
         alone = errors_mm if held.any() else errors_mm / (1 - leverage)[:, None]
         judged = np.flatnonzero(held) if held.any() else np.arange(len(held))
@@ -87,7 +87,7 @@ class LastLayer:
         below = ~top & ~held
         more = 0.0
         if below.sum() > products.shape[1] and top.any():
-            root_below, weights = _regression(products[below], targets_mm[below])
+            root_below, weights = ridge_regression(products[below], targets_mm[below])
             leverage_below = ((products @ root_below) ** 2).sum(axis=1)
             missed = products @ weights - targets_mm
             known = _quantile(missed[below] / (1 - leverage_below[below])[:, None], leverage_below[below])
@@ -132,7 +132,7 @@ def _quantile(errors_mm: Floats, leverage: Floats) -> float:
     return float(np.quantile(np.abs(errors_mm) / np.sqrt(1 + leverage)[:, None], COVERED))
 
 
-def _regression(features: Floats, targets: Floats) -> tuple[Floats, Floats]:
+def ridge_regression(features: Floats, targets: Floats) -> tuple[Floats, Floats]:
     """A root (F, F) of (Φᵀ Φ + ρ I)⁻¹ and weights (F, 2) of the ridge regression on Φ (n, F), with the likeliest ρ."""
     values, vectors = np.linalg.eigh(features.T @ features)
     values = np.maximum(values, np.finfo(float).eps * values[-1])

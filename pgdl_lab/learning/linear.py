@@ -80,8 +80,13 @@ def refuse_derivatives(training: Training) -> None:
         )
 
 
-def regression_of(training: Training, degree: int) -> tuple[SeparableRegression, dict[str, Tensor]]:
-    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body."""
+def regression_of(
+    training: Training, degree: int, rough: NDArray[np.float64] | None = None
+) -> tuple[SeparableRegression, dict[str, Tensor]]:
+    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body.
+
+    A field `rough` (N, …) tells where kinks are to be expected, see `SeparableRegression`.
+    """
     import numpy as np
     import torch
 
@@ -91,7 +96,7 @@ def regression_of(training: Training, degree: int) -> tuple[SeparableRegression,
     scene, samples = training.scene, training.samples
     range_kpa = np.array([0.0, samples.pressures_kpa.max()])
     body = Triangulation(scene.points_mm, scene.triangles)
-    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree), {
+    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree, rough), {
         "points_mm": torch.from_numpy(scene.points_mm),
         "triangles": torch.from_numpy(scene.triangles),
         "range_kpa": torch.from_numpy(range_kpa),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.model import Model
@@ -43,6 +43,8 @@ class TrainedModel(Model):
         which training ends; null: at its budget's end.
     """
 
+    optimizer: ClassVar[str] = "adam"  # where optimizer.name is null
+
     depth: int = 4
     width: int = 128
     activation: str = "silu"
@@ -65,8 +67,8 @@ class TrainedModel(Model):
         """A field with initial weights and the points that it is trained on."""
 
     @abstractmethod
-    def finished(self, field: Any, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
-        """The surrogate of a field that was trained on `samples`, but for those that were `held` (n,) back."""
+    def finished(self, field: Any, record: Record, training: Training, held: NDArray[np.bool_]) -> Surrogate:
+        """The surrogate of a field that was trained on all samples, but for those that were `held` (n,) back."""
 
     def fit(self, training: Training) -> Surrogate:
         from pgdl_lab.learning.fit import fit  # torch and Lightning are imported only when they are needed
@@ -81,10 +83,10 @@ class NeuralModel(TrainedModel):
     def begin(self, training: Training) -> tuple[Field, Samples]:
         return self.new_field(training), training.samples
 
-    def finished(self, field: ReadOutField, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
+    def finished(self, field: ReadOutField, record: Record, training: Training, held: NDArray[np.bool_]) -> Surrogate:
         from pgdl_lab.learning.neural_surrogate import NeuralSurrogate, last_layer
 
-        return NeuralSurrogate(describe(self), record, field, last_layer(field, samples, held))
+        return NeuralSurrogate(describe(self), record, field, last_layer(field, training.samples, held))
 
     @abstractmethod
     def new_field(self, training: Training) -> ReadOutField:
