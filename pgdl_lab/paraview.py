@@ -49,8 +49,8 @@ def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
     """
     import h5py
 
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
-    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
     fields = {
         "fem_mm": in_space(snapshots.displacements),
         "surrogate_mm": in_space(predicted),

@@ -37,7 +37,7 @@ def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArr
     alone = replace(training, losses=data, folder=training.folder / "yardstick", logger=None, callbacks=())
     surrogate = model.fit(alone)
     seconds = time.perf_counter() - start
-    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa), train)
+    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True), train)
     return {
         "model": describe(model)["name"],
         "seconds": seconds,
