@@ -1,5 +1,4 @@
 import os
-import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,14 @@ from pgdl_lab.mechanics.calculix_deck import FACES, deck
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.snapshots import Observation, Snapshots
 from tests.fingers import OBSERVATION, balloon, pneunet, solid
+from tests.needs import need
 
-needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (calculix-ccx) is not installed")
+needs_ccx = pytest.mark.usefixtures("ccx")
+
+
+@pytest.fixture(scope="module")
+def ccx() -> None:
+    need("ccx")
 
 
 def calculix(**fields: object) -> Fem:
@@ -182,7 +187,7 @@ class TestTrouble:
 
 
 @pytest.fixture(scope="module")
-def snapshots() -> Snapshots:
+def snapshots(ccx: None) -> Snapshots:
     return calculix().simulate(pneunet(), OBSERVATION)
 
 
