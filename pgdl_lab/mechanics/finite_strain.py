@@ -45,6 +45,10 @@ class LoadLeg:
         Derivative of the outer nodal forces with respect to the parameter (N, 3), at a displacement (N, 3) [mm].
     unstable
         Values of the parameter at which the equilibrium found is not a minimum of the energy.
+    watch
+        Factorises the stiffness against motions that break the symmetry; None: they are not looked at.
+    sideways
+        Values of the parameter at which the equilibrium gives way to such motions.
     """
 
     equilibrium: Equilibrium
@@ -52,7 +56,9 @@ class LoadLeg:
     tolerance_mm: float
     load: Callable[[float], Load]
     driver: Callable[[Array], Array]
+    watch: SymmetricSolver | None = None
     unstable: list[float] = field(default_factory=list)
+    sideways: list[float] = field(default_factory=list)
     _found: dict[float, Array] = field(default_factory=dict)
     _slopes: dict[float, Array] = field(default_factory=dict)
 
@@ -83,6 +89,12 @@ class LoadLeg:
         slope = np.zeros_like(displacement)
         slope[free] = self.solver.solve(self.driver(displacement)[free])
         self._slopes[parameter] = slope
+        if self.watch is not None:
+            self.solver.release()  # the factors of one matrix at a time
+            self.watch.factorise(self.equilibrium.sideways_stiffness(displacement, self.load(parameter)))
+            self.watch.release()
+            if self.watch.negative:
+                self.sideways.append(parameter)
         return slope
 
 
@@ -102,6 +114,9 @@ class History:
         Newton iterations in all, those for the weight included.
     unstable_kpa
         Pressures [kPa] at which the equilibrium is not a minimum of the energy.
+    sideways_unstable_kpa
+        Those [kPa] at which it is none of the whole body's, though it may be one of the half that is meshed: it gives
+        way to motions that break the symmetry.
     """
 
     branch: Branch
@@ -109,6 +124,7 @@ class History:
     interpolation_mm: float
     iterations: int
     unstable_kpa: list[float]
+    sideways_unstable_kpa: list[float]
 
     @property
     def reached_kpa(self) -> float:
@@ -174,19 +190,23 @@ class Model:
         basis = discretisation.basis
         free = np.ones(discretisation.positions.shape, dtype=bool)
         free[basis.get_dofs("clamp").all()] = False
+        sideways = None
         if "symmetry" in mesh.boundaries:
             if not self.finger.planar:
                 raise InputError(
                     f"finger.gravity_m_s2 is {list(self.finger.gravity_m_s2)}, and half a finger cannot be pulled "
                     "along y: mesh the whole finger, without a group of symmetry, or leave out the part along y."
                 )
-            free[basis.get_dofs("symmetry").all(), 1] = False
+            plane, sideways = basis.get_dofs("symmetry").all(), free.copy()
+            free[plane, 1] = False
+            sideways[plane, 0] = sideways[plane, 2] = False
         return Equilibrium(
             Solid(discretisation, self.finger.material),
             Cavity(basis),
             self.finger.body_force_n_mm3,
             free,
             contact(discretisation),
+            sideways,
         )
 
     def _contact(self, discretisation: Discretisation, mode: str) -> Contact:
@@ -217,6 +237,7 @@ class Model:
             newton_mm,
             lambda kpa: Load(1.0, 1e-3 * kpa),
             lambda displacement: 1e-3 * equilibrium.pressure_forces(displacement),
+            watch=None if equilibrium.sideways is None else symmetric_solver(),
         )
         with progress() as show:
             resting, weighing = np.zeros_like(equilibrium.weight), 0
@@ -236,7 +257,10 @@ class Model:
                 branch, complete = end.branch, False
             error = refine(inflate, branch, pressures_kpa, interpolation_mm)
         self.solver.close()
-        return History(branch, complete, error, weighing + branch.iterations, sorted(inflate.unstable))
+        if inflate.watch is not None:
+            inflate.watch.close()
+        iterations = weighing + branch.iterations
+        return History(branch, complete, error, iterations, sorted(inflate.unstable), sorted(inflate.sideways))
 
     def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
         """Reaction of the support, and sum of weight and pressure: (3,) each [N], for what is meshed.

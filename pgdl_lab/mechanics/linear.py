@@ -31,8 +31,11 @@ class SymmetricSolver(Protocol):
     def solve(self, right_hand_side: Array) -> Array:
         """Solve for one vector (n,) or several, as columns (n, m)."""
 
+    def release(self) -> None:
+        """Give back the memory of the factors, but keep the ordering for the next matrix."""
+
     def close(self) -> None:
-        """Give back the memory of the factors."""
+        """Give back all memory."""
 
 
 class Pardiso:
@@ -70,6 +73,10 @@ class Pardiso:
         solution: Array = self._solver._call_pardiso(matrix, right_hand_side)
         return solution
 
+    def release(self) -> None:
+        if self._matrix is not None:
+            self._solver.free_memory()
+
     def close(self) -> None:
         if self._matrix is not None:
             self._solver.free_memory(everything=True)
@@ -95,6 +102,9 @@ class SuperLU:
     def solve(self, right_hand_side: Array) -> Array:
         solution: Array = self._factors.solve(right_hand_side)
         return solution
+
+    def release(self) -> None:
+        self._factors = None
 
     def close(self) -> None:
         self._factors = None

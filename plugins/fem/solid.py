@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 COARSE_PERCENT = 3.0
+STANDARD_GRAVITY = 9.81  # [m/s²]
 CONTACT_MODES = ("auto", "on", "off")
 
 
@@ -92,6 +93,15 @@ class Solid(Fem):
         )
         if history.unstable_kpa:
             _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
+        if sideways := history.sideways_unstable_kpa:
+            _log.warning(
+                "At %.4g kPa and %d other pressures of %d the finger gives way sideways, which half a finger cannot "
+                "show: simulate the whole one, %s.",
+                sideways[0],
+                len(sideways) - 1,
+                len(history.branch.parameters),
+                _whole(finger),
+            )
         if crossed := snapshots.provenance["contact"]["penetration_kpa"]:
             _log.warning("Surfaces pass through each other at %.4g kPa and more: use fem.contact=auto.", crossed[0])
         if not history.complete:
@@ -139,6 +149,7 @@ class Solid(Fem):
             "interpolation_error_mm": history.interpolation_mm,
             "discretisation_error": self._discretisation_error(model, history),
             "unstable_kpa": history.unstable_kpa,
+            "sideways_unstable_kpa": history.sideways_unstable_kpa,
             "limit_kpa": history.limit_kpa,
             "reaction_n": reaction.tolist(),
             "load_n": outer.tolist(),
@@ -148,3 +159,12 @@ class Solid(Fem):
             | {name: version(name) for name in ("numpy", "scipy", "scikit-fem")}
             | {"pgdl_lab": __version__},
         }
+
+
+def _whole(finger: Finger) -> str:
+    """How to have the whole of a finger simulated, which a pull across of 1/10,000 of the weight makes lean over."""
+    if finger.files():
+        return "with a mesh of both halves and no group of symmetry"
+    x, z = finger.gravity_m_s2[0], finger.gravity_m_s2[-1]
+    across = 1e-4 * (np.hypot(x, z) or STANDARD_GRAVITY)
+    return f"with a pull across that is next to nothing, finger.gravity_m_s2=[{x},{across:.3g},{z}]"
