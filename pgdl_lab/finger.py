@@ -74,6 +74,14 @@ class Finger(ABC):
         """Files that determine the finger together with its fields; results are kept under what is in them."""
         return ()
 
+    def finer(self, edge_mm: float) -> str:
+        """What to do for a finer mesh than one with edges of `edge_mm` [mm], in words for a message."""
+        return f"lower fem.edge_mm={edge_mm:g}"
+
+    def doubts(self) -> Sequence[str]:
+        """What about the body may not be as meant, in sentences that go with every result."""
+        return ()
+
     @abstractmethod
     def mesh(self, edge_mm: float) -> "Mesh":
         """Mesh of the half finger y ≥ 0, or of the whole one unless `planar` [mm]; edges at most `edge_mm` [mm].

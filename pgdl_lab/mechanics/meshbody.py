@@ -1,6 +1,8 @@
 """From a mesh file to the body of a finger: placed, with its named boundaries, and checked."""
 
 import logging
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,22 +10,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.mechanics.meshcheck import require_closed, require_connected, require_right_handed
-from pgdl_lab.mechanics.meshfile import BEND, MeshFile, read, to_skfem
+from pgdl_lab.mechanics.meshaxes import named, rotation
+from pgdl_lab.mechanics.meshcavity import inner_surfaces, require_closed
+from pgdl_lab.mechanics.meshcheck import require_connected, require_uncrossed
+from pgdl_lab.mechanics.meshfile import BEND, USUAL_MM, read, to_skfem
+from pgdl_lab.mechanics.meshparts import IN_PLANE, WHOLE, Parts, Surface, unnamed
+from pgdl_lab.mechanics.meshplace import require_laid, sides
 
 if TYPE_CHECKING:
     from skfem import Mesh
 
 _log = logging.getLogger(__name__)
 
-IN_PLANE = 1e-6  # of the largest side of the body
+
+@dataclass(frozen=True)
+class MeshBody:
+    """A checked finger from a file.
+
+    Attributes
+    ----------
+    mesh
+        MeshTet or MeshHex with straight edges and the named boundaries `clamp`, `cavity` and, for half a finger,
+        `symmetry` [mm].
+    doubts
+        What may not be as meant, in sentences.
+    """
+
+    mesh: "Mesh"
+    doubts: tuple[str, ...]
 
 
-def load(path: Path, unit: str, clamp: str, cavity: str, symmetry: str) -> "Mesh":
+@lru_cache(maxsize=4)
+def load(path: Path, unit: str, axes: tuple[str, ...], parts: Parts, stamps: tuple[int, ...]) -> MeshBody:
     """Read a finger and place it as all fingers lie.
 
     Its clamp begins at x = 0, its lowest point lies at z = 0, and its plane of symmetry, or else the middle of its
-    width, is y = 0.
+    width, is y = 0. The same files are read once.
 
     Parameters
     ----------
@@ -31,75 +53,65 @@ def load(path: Path, unit: str, clamp: str, cavity: str, symmetry: str) -> "Mesh
         The file.
     unit
         Its unit of length, one of `pgdl_lab.mechanics.meshfile.MM`.
-    clamp, cavity, symmetry
-        Names of its groups; without a group `symmetry` it holds the whole finger.
-
-    Returns
-    -------
-    skfem.Mesh
-        MeshTet or MeshHex with straight edges and the named boundaries `clamp`, `cavity` and, for half a finger,
-        `symmetry` [mm].
+    axes
+        The axes of the file that become x, y and z, see `pgdl_lab.mechanics.meshaxes.rotation`.
+    parts
+        What its user says of clamp, cavity and plane of symmetry.
+    stamps
+        When the files were changed last.
 
     Raises
     ------
     InputError
-        When the file, its mesh or its groups are no finger; the message says what to change.
+        When the file, its mesh or its parts are no finger; the message says what to change.
     """
+    turned, name = rotation(axes), str(path)
     file = read(path, unit)
-    require_right_handed(file.points, file.elements, str(path))
-    if file.bend > BEND:
-        _log.warning(
-            "Middle nodes of %s lie off their edges by up to %.2g of an edge: the edges are taken as straight, so "
-            "refine curved surfaces.",
-            path,
-            file.bend,
-        )
-    mesh = to_skfem(file)
-    require_connected(mesh, str(path))
-    boundaries: dict[str, NDArray[np.int64]] = {}
-    for field, name in (("symmetry", symmetry), ("clamp", clamp), ("cavity", cavity)):
-        if field != "symmetry" or name in file.groups:
-            boundaries[field] = _facets(mesh, file, name, field, path, boundaries)
+    for note in file.notes:
+        _log.info(note)
+    mesh = to_skfem(file, turned)
+    require_connected(mesh, name, turned)
+    require_uncrossed(mesh, name, turned)
+    surface = Surface(mesh, file, path, unit, turned)
+    boundaries, found = surface.boundaries(parts)
     mesh = mesh.with_boundaries(boundaries)
-    mesh = mesh.translated(-_origin(mesh, path))
-    require_closed(mesh, str(path), symmetry)
-    return mesh
-
-
-def _facets(
-    mesh: "Mesh", file: MeshFile, name: str, field: str, path: Path, taken: dict[str, NDArray[np.int64]]
-) -> NDArray[np.int64]:
-    """Boundary facets of `mesh` in the group `name`, none of which is in those that are `taken`."""
-    group = file.group(name)
-    if group is None:
-        raise InputError(
-            f"{path} has no group '{name}' of facets or nodes for finger.{field}; "
-            f"its groups are {', '.join(file.groups) or 'none'}."
+    if found:
+        _log.info(
+            "%s names no cavity: the air presses on its %d closed inner surface%s, %s.",
+            *(path, len(found), "s" if len(found) > 1 else "", " and ".join(each.told(turned) for each in found)),
         )
-    surface = mesh.boundary_facets()
-    corners = mesh.facets[:, surface]
-    if group.dtype == bool:
-        # Of nodes: a facet belongs to them with all its corners. Those of a rim belong to two groups, and on a coarse
-        # mesh a facet may have all its corners on it.
-        found = np.setdiff1d(surface[group[corners].all(axis=0)], np.concatenate([*taken.values(), []]))
-    else:
-        number = dict(zip(map(tuple, np.sort(corners.T, axis=1).tolist()), surface, strict=True))
-        numbers = [number.get(facet, -1) for facet in map(tuple, np.sort(group, axis=1).tolist())]
-        found = np.unique(numbers)
-        if found[0] < 0:
-            raise InputError(
-                f"{numbers.count(-1)} of {len(numbers)} facets of the group '{name}' in {path} are not on the surface "
-                "of the volume mesh: name surfaces of the solid only."
-            )
-    if not found.size:
-        raise InputError(f"The group '{name}' in {path} holds no whole facet of the surface: name its facets.")
-    for other, facets in taken.items():
-        if shared := np.intersect1d(facets, found).size:
-            raise InputError(
-                f"{shared} facets of {path} are in both the groups for finger.{other} and finger.{field}: "
-                "a facet can be in one."
-            )
-    return found.astype(np.int64)
+    doubts = unnamed(inner_surfaces(mesh), path, turned)
+    if file.bend > BEND:
+        doubts.append(
+            f"Middle nodes of {name} lie off their edges by up to {file.bend:.2g} of an edge: the edges are taken as "
+            "straight, so refine curved surfaces."
+        )
+    if (size := float(np.ptp(mesh.p, axis=1).max())) < USUAL_MM:
+        doubts.append(f"{name} is only {size:.3g} mm large: is its unit of length finger.unit={unit}?")
+    require_laid(mesh, name, turned)
+    if "symmetry" not in mesh.boundaries:
+        _require_no_mirror(turned, name)
+    origin = _origin(mesh, path)
+    require_closed(mesh, name, turned, parts.symmetry)
+    if "symmetry" not in mesh.boundaries:
+        plane = None if parts.symmetry == WHOLE else surface.in_plane_of_least_y(parts)
+        doubts += filter(None, [sides(mesh, name, turned, plane)])
+    return MeshBody(mesh.translated(-origin), tuple(doubts))
+
+
+def _require_no_mirror(axes: NDArray[np.float64], path: str) -> None:
+    """Check that a whole finger is turned, not mirrored; half a finger stands for a whole that its mirror image is too.
+
+    Raises
+    ------
+    InputError
+        Otherwise.
+    """
+    if np.linalg.det(axes) < 0:
+        raise InputError(
+            f"finger.axes={named(axes)} makes a mirror image of {path}: turn it instead, e.g. by "
+            f"finger.axes={named(np.diag([1.0, -1.0, 1.0]) @ axes)}."
+        )
 
 
 def _origin(mesh: "Mesh", path: Path) -> NDArray[np.float64]:
