@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.mechanics.meshaxes import named, rotation
+from pgdl_lab.mechanics.meshaxes import rotation
 from pgdl_lab.mechanics.meshcavity import inner_surfaces, require_closed
 from pgdl_lab.mechanics.meshcheck import require_connected, require_uncrossed
 from pgdl_lab.mechanics.meshfile import BEND, USUAL_MM, read, to_skfem
-from pgdl_lab.mechanics.meshparts import IN_PLANE, WHOLE, Parts, Surface, unnamed
-from pgdl_lab.mechanics.meshplace import require_laid, sides
+from pgdl_lab.mechanics.meshparts import WHOLE, Parts, Surface, unnamed
+from pgdl_lab.mechanics.meshplace import require_laid, require_plane, require_turned, sides
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -89,42 +88,19 @@ def load(path: Path, unit: str, axes: tuple[str, ...], parts: Parts, stamps: tup
     if (size := float(np.ptp(mesh.p, axis=1).max())) < USUAL_MM:
         doubts.append(f"{name} is only {size:.3g} mm large: is its unit of length finger.unit={unit}?")
     require_laid(mesh, name, turned)
-    if "symmetry" not in mesh.boundaries:
-        _require_no_mirror(turned, name)
-    origin = _origin(mesh, path)
-    require_closed(mesh, name, turned, parts.symmetry)
-    if "symmetry" not in mesh.boundaries:
-        plane = None if parts.symmetry == WHOLE else surface.in_plane_of_least_y(parts)
-        doubts += filter(None, [sides(mesh, name, turned, plane)])
-    return MeshBody(mesh.translated(-origin), tuple(doubts))
-
-
-def _require_no_mirror(axes: NDArray[np.float64], path: str) -> None:
-    """Check that a whole finger is turned, not mirrored; half a finger stands for a whole that its mirror image is too.
-
-    Raises
-    ------
-    InputError
-        Otherwise.
-    """
-    if np.linalg.det(axes) < 0:
-        raise InputError(
-            f"finger.axes={named(axes)} makes a mirror image of {path}: turn it instead, e.g. by "
-            f"finger.axes={named(np.diag([1.0, -1.0, 1.0]) @ axes)}."
-        )
-
-
-def _origin(mesh: "Mesh", path: Path) -> NDArray[np.float64]:
-    """The point of the file (3,) that becomes the origin [mm]."""
-    size = np.ptp(mesh.p, axis=1).max()
-    middle = (mesh.p[1].min() + mesh.p[1].max()) / 2
     if "symmetry" in mesh.boundaries:
-        y = mesh.p[1, mesh.facets[:, mesh.boundaries["symmetry"]]]
-        if np.ptp(y) > IN_PLANE * size or y.max() > mesh.p[1].min() + IN_PLANE * size:
-            raise InputError(
-                f"The symmetry group of {path} spans y = {y.min():.4g} to {y.max():.4g} mm and the body "
-                f"{mesh.p[1].min():.4g} to {mesh.p[1].max():.4g} mm: it must be the plane of smallest y."
-            )
-        middle = y.min()
-    x = mesh.p[0, mesh.facets[:, mesh.boundaries["clamp"]]]
-    return np.array([x.min(), middle, mesh.p[2].min()])
+        require_plane(mesh, name, turned)
+        require_closed(mesh, name, turned, parts.symmetry)
+    else:
+        require_turned(name, turned)
+        require_closed(mesh, name, turned, parts.symmetry)
+        surely = parts.symmetry == WHOLE
+        doubts += filter(None, [sides(mesh, name, turned, None if surely else surface.plane_of_least_y(parts), surely)])
+    return MeshBody(mesh.translated(-_origin(mesh)), tuple(doubts))
+
+
+def _origin(mesh: "Mesh") -> NDArray[np.float64]:
+    """The point of the turned file (3,) that becomes the origin [mm]."""
+    clamp, low, high = mesh.facets[:, mesh.boundaries["clamp"]], mesh.p.min(axis=1), mesh.p.max(axis=1)
+    middle = low[1] if "symmetry" in mesh.boundaries else (low[1] + high[1]) / 2
+    return np.array([mesh.p[0, clamp].min(), middle, low[2]])

@@ -156,7 +156,7 @@ def inner_surfaces(mesh: "Mesh") -> list[Chamber]:
 
     Their openings, if any, lie at the clamp or in the plane of symmetry alone.
     """
-    rest = np.setdiff1d(mesh.boundary_facets(), np.concatenate([*mesh.boundaries.values(), []]))
+    rest = np.setdiff1d(mesh.boundary_facets(), np.concatenate([*(mesh.boundaries or {}).values(), []]))
     found = [chamber for chamber in chambers(mesh, rest) if not len(chamber.open_edges) and chamber.volume_mm3 > 0]
     return sorted(found, key=lambda chamber: -chamber.volume_mm3)
 

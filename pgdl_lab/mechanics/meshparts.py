@@ -11,6 +11,7 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.meshaxes import is_limit, within
 from pgdl_lab.mechanics.meshcavity import Chamber, inner_surfaces
 from pgdl_lab.mechanics.meshfile import MM, MeshFile
+from pgdl_lab.mechanics.meshplace import IN_PLANE
 from pgdl_lab.mechanics.meshsurface import NEAR, distances, is_surface, triangles
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ Boundaries = dict[str, Index]
 
 WHOLE = "none"
 """What says that a file holds a whole finger, whatever its groups are called."""
-IN_PLANE = 1e-6  # of the largest side of the body
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Surface:
         found["cavity"] = np.concatenate([chamber.facets for chamber in chambers])
         return found, chambers
 
-    def in_plane_of_least_y(self, parts: Parts) -> str | None:
+    def plane_of_least_y(self, parts: Parts) -> str | None:
         """A group that is none of `parts` and lies in the plane of the least y; None if there is none."""
         y = self.mesh.p[1]
         for name in self.file.groups.names:
@@ -118,8 +118,11 @@ class Surface:
             sure, found = False, self._all_in(marked)
         elif is_limit(text):
             sure, found, what = False, self._all_in(within(text, self._place(field, taken), f"finger.{field}")), text
+            if field == "clamp":  # holds from outside
+                inner = [chamber.facets for chamber in inner_surfaces(self.mesh)]
+                found = np.setdiff1d(found, np.concatenate([*inner, []]))
         elif is_surface(text):
-            found = self._all_in(self._near(Path(text), field))
+            found = self._on(Path(text), field)
         else:
             raise InputError(self._missing(field, text))
         if not sure:  # a rim belongs to two parts, and on a coarse mesh a facet may have all its corners on it
@@ -159,27 +162,28 @@ class Surface:
         half = field == "symmetry" or "symmetry" in taken
         return (self.mesh.p.T - [low[0], low[1] if half else (low[1] + high[1]) / 2, low[2]]).astype(np.float64)
 
-    def _near(self, path: Path, field: str) -> NDArray[np.bool_]:
-        """Which nodes of the boundary lie on the surface in a file with the unit and axes of the mesh."""
+    def _on(self, path: Path, field: str) -> Index:
+        """Facets of the boundary that lie on the surface in a file with the unit and axes of the mesh."""
         if not path.is_file():
             raise InputError(f"finger.{field} is '{path}', and there is no such file: give that of the surface.")
-        surface = triangles(path) @ self._axes.T * self._mm
-        nodes = np.unique(self._corners)
-        ends = self.mesh.p[:, np.stack([self._corners, np.roll(self._corners, 1, axis=0)])]
-        near = NEAR * float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=0).mean())
-        on = np.zeros(self.mesh.p.shape[1], dtype=bool)
-        on[nodes] = np.isfinite(distances(self.mesh.p.T[nodes], surface, near))
-        if not on.any():
-            axes = self._axes
+        axes, points = self._axes, self.mesh.p.T
+        surface = triangles(path) @ axes.T * self._mm
+        ends = points[np.stack([self._corners, np.roll(self._corners, 1, axis=0)])]
+        near = NEAR * float(np.linalg.norm(ends[0] - ends[1], axis=2).mean())
+        nodes, middles = np.unique(self._corners), points[self._corners].mean(axis=0)
+        on = np.zeros(len(points), dtype=bool)
+        on[nodes] = np.isfinite(distances(points[nodes], surface, near))
+        found = on[self._corners].all(axis=0) & np.isfinite(distances(middles, surface, 2 * near))
+        if not found.any():
             spans = ", the body ".join(
                 " × ".join(f"{low:.4g}…{high:.4g}" for low, high in zip(box.min(axis=0), box.max(axis=0), strict=True))
-                for box in (surface.reshape(-1, 3) @ axes, self.mesh.p.T @ axes)
+                for box in (surface.reshape(-1, 3) @ axes, points @ axes)
             )
             raise InputError(
-                f"No node of {self.path} lies within {near:.2g} mm of {path} (the surface spans {spans} mm): both need "
-                "the same unit, axes and place."
+                f"No facet of {self.path} lies within {near:.2g} mm of {path} (the surface spans {spans} mm): both "
+                "need the same unit, axes and place."
             )
-        return on
+        return self.facets[found]
 
     def _missing(self, field: str, name: str) -> str:
         """What to tell of a part that is not there."""

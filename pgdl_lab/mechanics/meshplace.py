@@ -1,5 +1,6 @@
 """Whether a user's mesh lies as the lab has fingers lie: x from the clamp to the tip, z up, the same on both sides."""
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 
 FREE = 0.1  # of the length: the clamp begins in the first, and leaves free the last such part
 LOPSIDED = 0.01  # of the largest side: the two sides of a body may differ by that much
+IN_PLANE = 1e-6  # of the largest side
+SYMMETRY = re.compile("sym|mirror", re.IGNORECASE)
 ONE_SIDED = 4.0  # times as uneven across as along z is a body that lies on its side
 UNITS = np.eye(3)
 
@@ -64,8 +67,48 @@ def _turn(mesh: "Mesh", axes: Array) -> str:
     return f", so try finger.axes={named(turn @ axes)}"
 
 
-def sides(mesh: "Mesh", path: str, axes: Array, plane: str | None) -> str | None:
-    """What is odd about a whole finger that is not the same on both sides of y = 0; None if it is.
+def require_plane(mesh: "Mesh", path: str, axes: Array) -> None:
+    """Check that the plane of symmetry is the one of the least y.
+
+    Raises
+    ------
+    InputError
+        Otherwise.
+    """
+    nodes = mesh.p[:, mesh.facets[:, mesh.boundaries["symmetry"]]].reshape(3, -1)
+    low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
+    near = IN_PLANE * float((high - low).max())
+    if np.ptp(nodes[1]) <= near and nodes[1].max() <= low[1] + near:
+        return
+    hint = ""
+    for axis in (1, 2):
+        at_least, at_most = nodes[axis].max() <= low[axis] + near, nodes[axis].min() >= high[axis] - near
+        if at_least or at_most:  # half a finger may be mirrored: its whole stays the same
+            turn = np.diag([1.0, 1.0 if at_least else -1.0, 1.0]) @ UNITS[[0, axis, 3 - axis]]
+            hint = f", so try finger.axes={named(turn @ axes)}"
+    raise InputError(
+        f"The symmetry group of {path} spans y = {nodes[1].min():.4g} to {nodes[1].max():.4g} mm and the body "
+        f"{low[1]:.4g} to {high[1]:.4g} mm: it must be the plane of smallest y{hint}."
+    )
+
+
+def require_turned(path: str, axes: Array) -> None:
+    """Check that a whole finger is turned, not mirrored; the whole of a mirrored half is the same finger, turned.
+
+    Raises
+    ------
+    InputError
+        Otherwise.
+    """
+    if np.linalg.det(axes) < 0:
+        raise InputError(
+            f"finger.axes={named(axes)} makes a mirror image of {path}: turn it instead, e.g. by "
+            f"finger.axes={named(np.diag([1.0, -1.0, 1.0]) @ axes)}."
+        )
+
+
+def sides(mesh: "Mesh", path: str, axes: Array, plane: str | None, surely: bool) -> str | None:
+    """What is odd about a whole finger that is not the same on both sides of y = 0; None if nothing is.
 
     The sides are told apart by the moments of their mass, which depend little on how each is meshed.
 
@@ -75,33 +118,36 @@ def sides(mesh: "Mesh", path: str, axes: Array, plane: str | None) -> str | None
         (3, 3) the axes of the lab in terms of the file's.
     plane
         Name of a group in the plane of least y, which may be one of symmetry.
+    surely
+        Whether the user says that the file holds a whole finger.
 
     Raises
     ------
     InputError
-        When the body is the same on both sides of the middle of z instead: it lies on its side; or when there is such a
-        `plane`.
+        Unless `surely`: when there is such a `plane`, or when the body is the same on both sides of the middle of z
+        instead, so that it lies on its side.
     """
     corners = mesh.p[:, mesh.t]
     centre = corners.mean(axis=1) - (mesh.p.max(axis=1) + mesh.p.min(axis=1))[:, None] / 2
     across, up = (_unevenness(centre, _volumes(corners), axis) for axis in (1, 2))
+    half = f"its group '{plane}' lies in the plane of least y: type finger.symmetry={plane}"
+    whole = "or finger.symmetry=none if the file has the whole finger, as it is meant to be"
     if across < LOPSIDED:
+        if plane is not None and SYMMETRY.search(plane):
+            raise InputError(f"In {path} {half}, {whole}.")
         return None
     told = f"The two sides of {path} across y differ (in the moments of their mass by {across:.1%} of the width)"
+    if surely:
+        return f"{told}: motion along y is not observed."
     if plane is not None:
-        raise InputError(
-            f"{told}, and its group '{plane}' lies in the plane of least y: type finger.symmetry={plane} if the file "
-            "has half of the finger, or finger.symmetry=none if it has the whole."
-        )
+        raise InputError(f"{told}, and {half}, {whole}.")
     if up < across / ONE_SIDED:
         turn = np.array([UNITS[0], -UNITS[2], UNITS[1]])
         raise InputError(
-            f"{told}, while those of z do not: it lies on its side, so try finger.axes={named(turn @ axes)}, or name "
-            "its plane of symmetry (finger.symmetry) if this is half a finger."
+            f"{told}, those of z do not, so it lies on its side: try finger.axes={named(turn @ axes)}, name the plane "
+            f"of symmetry of half a finger (finger.symmetry), {whole}."
         )
-    return (
-        f"{told}: what moves along y is not observed, and half a finger needs its plane of symmetry, finger.symmetry."
-    )
+    return f"{told}: motion along y is not observed, and half a finger needs its plane of symmetry, finger.symmetry."
 
 
 def _unevenness(centre: Array, volume: Array, axis: int) -> float:

@@ -11,7 +11,7 @@ from pgdl_lab.mechanics.rawmesh import read_raw
 Array = NDArray[np.float64]
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off")
-NEAR = 0.1  # of the mean edge of the body's surface: two meshes of one curved surface differ by less
+NEAR = 0.1  # of the mean edge of the body's surface: nodes on two meshes of one curved surface differ by less
 
 
 def is_surface(text: str) -> bool:
