@@ -106,6 +106,15 @@ def test_the_air_pushes_on_the_walls(tmp_path: Path, pocket: Pocket, element: st
     np.testing.assert_allclose(model.reaction_and_load_n(shaken, kpa)[1][along], area[along], atol=1e-12)
 
 
+@pytest.mark.parametrize("pocket", ["clamp", "both"])
+def test_the_support_holds_what_the_air_pushes(tmp_path: Path, pocket: str) -> None:
+    model = Model(finger(tmp_path, POCKETS[pocket], (5, 6, 7), split=False), 1.0, "hex20")
+    history = model.load(np.array([5.0]), 1e-9, 1e-2)
+    reaction, load = model.reaction_and_load_n(history.at(5.0), 5.0)
+    np.testing.assert_allclose(reaction, -load, atol=1e-9)
+    assert load[0] == pytest.approx(5e-3 * POCKETS[pocket].area_mm2[0], rel=1e-9 if pocket == "clamp" else 0.05)
+
+
 @pytest.mark.parametrize("pocket", POCKETS.values(), ids=POCKETS)
 def test_derivative_of_the_volume_is_the_push_where_the_body_is_free(tmp_path: Path, pocket: Pocket) -> None:
     """Against the follower load in its classical form, the deformed normal by Nanson's formula."""

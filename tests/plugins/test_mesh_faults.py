@@ -113,7 +113,8 @@ def test_all_elements_left_handed_are_reversed_and_said(
     )
     observed = Observation(1, 200)
     with caplog.at_level("INFO", "pgdl_lab"):
-        one, other = (solid(edge_mm=1.0, element="auto").simulate(finger, observed) for finger in (straight, turned))
+        fem = solid(element="tet10" if split else "hex20", interpolation_mm=1e-2)
+        one, other = (fem.simulate(finger, observed) for finger in (straight, turned))
     assert caplog.text.count(f"All elements of {tmp_path / '1.vtu'} are left-handed") == 1
     assert one.body is not None and other.body is not None
     assert np.abs(one.displacements).max() > 1e-3
@@ -187,6 +188,19 @@ def test_physical_groups_without_names_go_by_number(tmp_path: Path, number: Any)
     mesh = from_file(tmp_path / "a.msh", clamp=config.finger.clamp, cavity=config.finger.cavity).mesh(1.0)
     assert [len(mesh.boundaries[name]) for name in ("clamp", "cavity")] == [9, 26]
     assert "its groups are 3 (9 facets), 4 (26 facets), 5 (" in refused(tmp_path / "a.msh")
+
+
+def test_a_number_of_gmsh_is_another_one_for_volumes(tmp_path: Path) -> None:
+    points, cells, named = plain()
+    tags = [np.full(len(cells), 3), np.where(named["clamp"], 3, np.where(named["cavity"], 4, 5))]
+    raw = meshio.Mesh(points, [("hexahedron", cells), ("quad", skin(cells))])
+    raw.cell_data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    raw.field_data = {"body": np.array([3, 3]), "clamp": np.array([3, 2]), "cavity": np.array([4, 2])}
+    meshio.write(tmp_path / "a.msh", raw, file_format="gmsh22")
+    assert len(from_file(tmp_path / "a.msh").mesh(1.0).boundaries["clamp"]) == 9
+    said = refused(tmp_path / "a.msh", clamp="body")
+    assert "The group 'body' of" in said and "holds 66 volumes, but finger.clamp needs facets" in said
+    assert "body (66 volumes), cavity (26 facets), clamp (9 facets), 5 (" in said
 
 
 def test_families_of_salome_are_groups(tmp_path: Path) -> None:
@@ -420,7 +434,7 @@ def test_advice_knows_the_finger_and_the_present_setting(
     crossed = {"acted": False, "smallest_gap_mm": None, "penetration_kpa": [0.5]}
     monkeypatch.setattr(Model, "contact_report", lambda *_: crossed)
     monkeypatch.setattr(Model, "discretisation_error", lambda *_: None)
-    fem = solid(element="auto", contact=contact, estimate_error=True)
+    fem = solid(element="hex27_p1", contact=contact, estimate_error=True, interpolation_mm=1e-2)
     fem.simulate(finger, Observation(1, 200))
     assert "edge_mm" not in caplog.text and f"mesh {finger.path} finer and compare." in caplog.text  # type: ignore[attr-defined]
     assert f"fem.contact={contact}" not in caplog.text

@@ -143,6 +143,14 @@ def test_clamp_that_holds_the_tip_is_refused(tmp_path: Path) -> None:
         from_file(save(tmp_path / "a.vtu", points, cells, both)).mesh(1.0)
 
 
+def test_clamp_in_the_middle_is_refused(tmp_path: Path) -> None:
+    points, cells = bricks()
+    middles = points[skin(cells)].mean(axis=1)
+    ring = {**groups(points, skin(cells)), "clamp": (np.abs(middles[:, 0] - 17.5) < 1) & ~inside(middles)}
+    with pytest.raises(InputError, match=r"lies at x = 0 to 40 mm and its clamp at x = 15 to 20: x must run from the"):
+        from_file(save(tmp_path / "a.vtu", points, cells, ring)).mesh(1.0)
+
+
 @pytest.mark.parametrize("typed", ["Plane", "mirror", "symmetri"])
 def test_name_of_a_plane_that_is_not_there_is_refused(tmp_path: Path, typed: str) -> None:
     points, cells, named = half()
@@ -212,6 +220,20 @@ def test_lopsided_finger_is_told(tmp_path: Path) -> None:
     assert told.startswith("The two sides of") and "half a finger needs its plane of symmetry" in told
 
 
+def test_chambers_on_alternate_sides_are_told(tmp_path: Path) -> None:
+    """The halves have the same mass, but not at the same places."""
+    points, cells = bricks(
+        lambda i, j, k: k == 1 and ((j == 1 and 1 <= i <= 3) or (j == 2 and 4 <= i <= 6)),
+        ys=(-6.0, -5.5, 0.0, 5.5, 6.0),
+        zs=(0.0, 1.0, 11.0, 12.0),
+    )
+    middles = points[skin(cells)].mean(axis=1)
+    near, far = inside(middles, (5, -5.5, 1), (20, 0, 11)), inside(middles, (20, 0, 1), (35, 5.5, 11))
+    path = save(tmp_path / "a.vtu", points, cells, {**groups(points, skin(cells)), "cavity": near | far})
+    with pytest.raises(InputError, match=r"The two sides of .* across y differ"):
+        from_file(path).mesh(1.0)
+
+
 def test_wide_root_is_not_taken_for_the_side(tmp_path: Path) -> None:
     points, cells = flanged()
     finger = from_file(save(tmp_path / "a.vtu", points, cells))
@@ -242,6 +264,18 @@ def test_part_of_the_side_that_another_hides_is_not_observed(tmp_path: Path) -> 
     np.testing.assert_allclose(y[root], 10, atol=1e-6)
     below = face.points[:, 1] < 9 - 1e-6
     np.testing.assert_allclose(y[below], 6, atol=1e-6)
+
+
+def test_side_behind_a_plate_is_not_observed(tmp_path: Path) -> None:
+    """A plate beside the finger, on both sides, that is tied to its root alone."""
+    points, cells = bricks(
+        lambda i, j, k: (j in (1, 5) and i > 0) or (j in (0, 6) and i > 2) or (j == 3 and k == 1 and 1 <= i <= 6),
+        ys=(-10.0, -8.0, -6.0, -3.0, 3.0, 6.0, 8.0, 10.0),
+    )
+    face = from_file(save(tmp_path / "a.vtu", points, cells)).face(500)
+    y = np.broadcast_to(face.y_mm, len(face.points))
+    apart = np.abs(face.points[:, 0] - 15) > 1e-6
+    np.testing.assert_allclose(y[apart], np.where(face.points[apart, 0] < 15, 10, 6), atol=1e-6)
 
 
 def test_narrow_joint_between_two_segments_is_observed_too(tmp_path: Path) -> None:

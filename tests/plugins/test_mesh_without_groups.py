@@ -72,7 +72,7 @@ def test_gravity_is_along_the_axes_of_the_lab(tmp_path: Path) -> None:
     fields = {"gravity_m_s2": [0.0, -50.0], "max_kpa": 0.1}
     straight = from_file(save(tmp_path / "a.vtu", points, cells), **fields)
     turned = from_file(bare(tmp_path / "b.vtu", points @ rotation(axes), cells), axes=axes, clamp="x<1", **fields)
-    one, other = (solid(element="auto").simulate(finger, Observation(1, 200)) for finger in (straight, turned))
+    one, other = (solid(interpolation_mm=1e-2).simulate(finger, Observation(1, 200)) for finger in (straight, turned))
     assert one.displacements[-1, :, 1].min() < -0.1
     np.testing.assert_allclose(other.displacements, one.displacements, atol=1e-9)
 
@@ -124,6 +124,7 @@ def test_clamp_is_not_guessed(tmp_path: Path) -> None:
         ("x<=5", 9 + 12),
         ("x<=5 and z>=5", 6 + 7),
         ("x<1 and y>-1", 3),
+        ("x<1 and z>5", 3),
         ("z<1e0 and x<=1.0e+1", 6),
     ],
 )
@@ -144,6 +145,13 @@ def test_what_says_no_place_is_refused(text: str) -> None:
         within(text, np.zeros((2, 3)), "finger.clamp")
 
 
+def test_limit_is_met_to_round_off() -> None:
+    points = np.zeros((4, 3))
+    points[:, 0] = [0, 5 - 1e-9, 5 + 1e-9, 40]
+    for text, inside_ in (("x<5", [1, 0, 0, 0]), ("x<=5", [1, 1, 1, 0]), ("x>5", [0, 0, 0, 1]), ("x>=5", [0, 1, 1, 1])):
+        np.testing.assert_array_equal(within(text, points, "finger.clamp"), inside_)
+
+
 def test_clamp_by_place_holds_from_outside(tmp_path: Path) -> None:
     """The end wall of the chamber lies in the place, too, and still gets air."""
     points, cells = bricks()
@@ -152,11 +160,11 @@ def test_clamp_by_place_holds_from_outside(tmp_path: Path) -> None:
 
 
 def test_place_is_measured_from_the_end_and_the_middle(tmp_path: Path) -> None:
+    """In other units and elsewhere, where coordinates are rounded."""
     points, cells = bricks()
-    finger = from_file(
-        bare(tmp_path / "a.vtu", (points + [100, 50, -30]) * 1e-3, cells), clamp="x<1 and y>-4 and y<4", unit="m"
-    )
-    assert len(finger.mesh(1.0).boundaries["clamp"]) == 3
+    path = bare(tmp_path / "a.vtu", (points + [100.1, 50.7, -30.3]) * 1e-3, cells)
+    for text, count in (("x<1 and y>-4 and y<4", 3), ("x<=5 and y>=-3 and y<=3", 3 + 2), ("x<5", 9)):
+        assert len(from_file(path, clamp=text, unit="m").mesh(1.0).boundaries["clamp"]) == count
 
 
 @pytest.mark.parametrize("unit", ["mm", "m"])
