@@ -58,7 +58,7 @@ def right_handed(points: Array, elements: Elements, path: str) -> tuple[Elements
     if wrong.size:
         raise InputError(
             f"{wrong.size} of {len(elements)} elements of {path} are inverted against the rest or flat, the first near "
-            f"{place(points[elements[wrong[0]]].mean(axis=0))}: mesh again, or let your mesher optimise the mesh."
+            f"{place(points[elements[wrong[0]]].mean(axis=0))}: mesh again, or bring all nodes in one order."
         )
     return elements, reverse
 

@@ -39,9 +39,6 @@ class Parts:
     symmetry: str = "symmetry"
 
 
-DEFAULT = Parts()
-
-
 class Surface:
     """The boundary of a body, on which its parts are found.
 
@@ -104,7 +101,7 @@ class Surface:
 
     def _absent(self, field: str, text: str) -> tuple[str, ...]:
         """`text` if it is the default for this part and the file has no such group."""
-        return (text,) if text == getattr(DEFAULT, field) and text not in self.file.groups.names else ()
+        return (text,) if text == getattr(Parts, field) and text not in self.file.groups.names else ()
 
     def _is_sure(self, text: str) -> bool:
         return self.file.facets(text) is not None or is_surface(text)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 FORMATS = {".msh": "Gmsh .msh", ".vtu": "VTK .vtu", ".inp": "Abaqus .inp"}
 LONGEST = 160  # characters of a reason that are told
+POINTER = b"version https://git-lfs"  # how such a file begins
 VOXEL = 11  # the number of its kind in VTK
 TEXT = re.compile(rb'<(?:Data)?Array\b(?=[^>]*\btype="String")[^>]*\bName="([^"]*)"')
 
@@ -38,6 +39,9 @@ def read_raw(path: Path) -> RawMesh:
 
     if not path.is_file():
         raise InputError(f"There is no mesh file {path}: give its path as finger.path=FILE.")
+    with path.open("rb") as file:
+        if file.read(len(POINTER)) == POINTER:
+            raise InputError(f"{path} is a pointer of Git LFS in the place of the mesh: fetch it by 'git lfs pull'.")
     printed = io.StringIO()
     try:  # meshio's readers raise all sorts of errors, print, and end the process
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
@@ -61,19 +65,18 @@ def _reason(error: BaseException, printed: str) -> str:
     if not isinstance(error, SystemExit):
         return f"{type(error).__name__}: {_one_line(str(error))}"
     told, _, _ = printed.partition("Error: Couldn't read file")  # only repeats the path
-    return _one_line(told) or "it gives no reason"
+    return _one_line(told)
 
 
 def _refusal(path: Path, reason: str) -> str:
     """A sentence for a file that meshio cannot read, with a remedy for this one."""
-    says = f"meshio says '{reason.rstrip('.')[:LONGEST]}'"
-    if "data type 'String'" in reason:
-        names = " and ".join(
-            f"'{name.decode(errors='replace')}'" for name in dict.fromkeys(TEXT.findall(path.read_bytes()))
-        )
+    says = f"meshio says '{reason.rstrip('.')[:LONGEST]}'" if reason else "meshio gives no reason"
+    texts = [name.decode(errors="replace") for name in dict.fromkeys(TEXT.findall(path.read_bytes()))]
+    if texts and "data type 'String'" in reason:
+        arrays = " and ".join(f"'{name}'" for name in texts)
         return (
-            f"{path} holds text in the array {names}, which meshio cannot read ({says}): save it without, e.g. by the "
-            "filter 'Pass Arrays' of ParaView."
+            f"{path} holds text in the array {arrays}, which meshio cannot read ({says}): save it without, e.g. by the "
+            f"filter 'Pass Arrays' of ParaView, or after del mesh.field_data['{texts[0]}'] in pyvista."
         )
     if "gmsh:physical" in reason:
         return (
@@ -82,7 +85,7 @@ def _refusal(path: Path, reason: str) -> str:
             "group."
         )
     others = [name for suffix, name in FORMATS.items() if suffix != path.suffix.lower()]
-    return f"{path} cannot be read as a mesh ({says}): export it again, or as {' or '.join(others)}."
+    return f"{path} cannot be read as a mesh ({says}): export it again, or as one of {', '.join(others)}."
 
 
 def _one_line(text: str) -> str:

@@ -10,6 +10,7 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.meshaxes import rotation
 from pgdl_lab.mechanics.meshfile import MM
+from pgdl_lab.mechanics.meshparts import Parts
 from pgdl_lab.mechanics.meshsurface import is_surface
 from pgdl_lab.registry import register
 
@@ -53,9 +54,9 @@ class Mesh(Finger):
     path: str = ""
     unit: str = "mm"
     axes: list[str] = field(default_factory=lambda: ["x", "y", "z"])
-    clamp: str = "clamp"
-    cavity: str = "cavity"
-    symmetry: str = "symmetry"
+    clamp: str = Parts.clamp
+    cavity: str = Parts.cavity
+    symmetry: str = Parts.symmetry
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -85,7 +86,6 @@ class Mesh(Finger):
 
     def _body(self) -> "MeshBody":
         from pgdl_lab.mechanics.meshbody import load
-        from pgdl_lab.mechanics.meshparts import Parts
 
         files = self.files()
         stamps = tuple(stamp for path in files for stamp in (path.stat().st_mtime_ns, path.stat().st_size))

@@ -359,7 +359,14 @@ def test_reason_of_meshio_is_told(tmp_path: Path, name: str, text: str, why: str
     said = refused(tmp_path / name)
     assert "cannot be read as a mesh (meshio says '" in said and why in said
     own = {"inp": "Abaqus", "vtu": "VTK", "msh": "Gmsh"}.get(name[2:], "nothing")
-    assert own not in said.rpartition(": export it again, or as ")[2]
+    assert own not in said.rpartition(": export it again, or as one of ")[2]
+
+
+def test_pointer_in_the_place_of_a_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.vtk").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n")
+    assert "is a pointer of Git LFS in the place of the mesh: fetch it by 'git lfs pull'." in refused(
+        tmp_path / "a.vtk"
+    )
 
 
 def gmsh41(path: Path, points: Array, blocks: Sequence[tuple[int, int, Index, int | None]]) -> Path:
