@@ -48,6 +48,7 @@ POCKETS = {
     "closed": Pocket(lambda i, j, k: 1 <= i <= 6 and j == 1 and k == 1, ((5, -3, 5), (35, 3, 9)), 720, (0, 0, 0)),
     "clamp": Pocket(lambda i, j, k: i <= 6 and j == 1 and k == 1, ((0, -3, 5), (35, 3, 9)), 840, (24, 0, 0)),
     "hung": Pocket(lambda i, j, k: 1 <= i <= 2 and j == 1 and k >= 1, ((5, -3, 5), (15, 3, 12)), 420, (0, 0, -60)),
+    "shallow": Pocket(lambda i, j, k: 1 <= i <= 2 and j == 1 and k == 2, ((5, -3, 9), (15, 3, 12)), 180, (0, 0, -60)),
     "floor": Pocket(lambda i, j, k: 1 <= i <= 2 and j == 1 and k <= 1, ((5, -3, 0), (15, 3, 9)), 540, (0, 0, 60)),
     "plane": Pocket(lambda i, j, k: 1 <= i <= 6 and j == 0 and k == 1, ((5, 0, 5), (35, 3, 9)), 360, (0, 120, 0)),
     "both": Pocket(lambda i, j, k: i <= 6 and j == 0 and k == 1, ((0, 0, 5), (35, 3, 9)), 420, (12, 140, 0)),

@@ -262,6 +262,7 @@ def test_part_of_the_side_that_another_hides_is_not_observed(tmp_path: Path) -> 
     root = (face.points[:, 0] < 10 - 1e-6) & (face.points[:, 1] > 9 + 1e-6)
     y = np.broadcast_to(face.y_mm, len(face.points))
     np.testing.assert_allclose(y[root], 10, atol=1e-6)
+    np.testing.assert_allclose(face.points[face.base][[0, -1], 0], [0, 40], atol=1e-6)
     below = face.points[:, 1] < 9 - 1e-6
     np.testing.assert_allclose(y[below], 6, atol=1e-6)
 
@@ -273,6 +274,7 @@ def test_side_behind_a_plate_is_not_observed(tmp_path: Path) -> None:
         ys=(-10.0, -8.0, -6.0, -3.0, 3.0, 6.0, 8.0, 10.0),
     )
     face = from_file(save(tmp_path / "a.vtu", points, cells)).face(500)
+    np.testing.assert_allclose(face.points[face.base][[0, -1], 0], [0, 40], atol=1e-6)
     y = np.broadcast_to(face.y_mm, len(face.points))
     apart = np.abs(face.points[:, 0] - 15) > 1e-6
     np.testing.assert_allclose(y[apart], np.where(face.points[apart, 0] < 15, 10, 6), atol=1e-6)
