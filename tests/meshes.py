@@ -76,3 +76,14 @@ def save(path: Path, points: Array, cells: Index, named: Mapping[str, Any] | Non
     arrays: dict[str, Any] = {name: [np.zeros(len(cells)), 1.0 * mask] for name, mask in named.items()}
     meshio.write_points_cells(path, points, blocks, cell_data=arrays)
     return path
+
+
+def plain() -> tuple[Array, Index, dict[str, Any]]:
+    """Points, cells and groups of the body."""
+    points, cells = bricks()
+    return points, cells, groups(points, skin(cells))
+
+
+def swapped(cells: Index) -> Index:
+    """Every element in the other order, which makes it left-handed."""
+    return cells[:, [4, 5, 6, 7, 0, 1, 2, 3]] if cells.shape[1] == 8 else cells[:, [1, 0, 2, 3]]

@@ -1,7 +1,6 @@
 """Faults of mesh files that users have: put right and said, or refused in one sentence before anything is computed."""
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,37 +9,11 @@ import numpy as np
 import pytest
 
 from pgdl_lab import registry
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
 from pgdl_lab.snapshots import Observation
-from tests.conftest import composed
-from tests.fingers import solid
-from tests.meshes import Array, Index, bricks, chamber, groups, inside, save, skin, tetrahedra
+from tests.fingers import from_file, refusal, solid
+from tests.meshes import Array, Index, bricks, chamber, groups, inside, plain, save, skin, swapped, tetrahedra
 
 registry.discover()
-
-
-def from_file(path: Path, **fields: Any) -> Finger:
-    finger: Finger = registry.plugin("finger", "mesh")(**{"path": str(path), "max_kpa": 1.0, **fields})
-    return finger
-
-
-def refused(path: Path, **fields: Any) -> str:
-    """What is said of a file, in one line."""
-    with pytest.raises(InputError) as error:
-        from_file(path, **fields).mesh(1.0)
-    assert "\n" not in str(error.value)
-    return str(error.value)
-
-
-def plain() -> tuple[Array, Index, dict[str, Any]]:
-    points, cells = bricks()
-    return points, cells, groups(points, skin(cells))
-
-
-def swapped(cells: Index) -> Index:
-    """Every element in the other order, which makes it left-handed."""
-    return cells[:, [4, 5, 6, 7, 0, 1, 2, 3]] if cells.shape[1] == 8 else cells[:, [1, 0, 2, 3]]
 
 
 def with_facets(path: Path, points: Array, cells: Index, facets: Index, named: dict[str, Any]) -> Path:
@@ -95,7 +68,7 @@ def test_facet_of_three_elements_is_refused(tmp_path: Path) -> None:
     cells = np.vstack(
         [cells, [*cells[0, 4:], *range(len(points) - 4, len(points))]]
     )  # lies over another above the first
-    said = refused(with_facets(tmp_path / "a.vtu", points, cells, skin(cells[:-1]), named))
+    said = refusal(with_facets(tmp_path / "a.vtu", points, cells, skin(cells[:-1]), named))
     assert re.search(
         r"\d+ facets of .* belong to more than two elements, the first near \(2\.5, .*\) mm: .* overlap", said
     )
@@ -126,7 +99,7 @@ def test_a_part_of_the_elements_inverted_is_a_fault(tmp_path: Path, most: bool) 
     points, cells, named = plain()
     wrong = np.arange(len(cells)) < 5
     mixed = np.where((wrong ^ most)[:, None], swapped(cells), cells)
-    said = refused(save(tmp_path / "a.vtu", points, mixed, named))
+    said = refusal(save(tmp_path / "a.vtu", points, mixed, named))
     assert re.search(r"^5 of 66 elements of .* are inverted against the rest or flat, the first near \(2\.5, ", said)
 
 
@@ -138,7 +111,7 @@ def test_nodes_that_are_not_merged_are_counted_and_placed(tmp_path: Path) -> Non
     right = points[cells].mean(axis=1)[:, 0] > 20
     parted = np.where(right[:, None], number[cells], cells)
     both = np.vstack([points, points[seam]])
-    said = refused(save(tmp_path / "a.vtu", both, parted, groups(both, skin(parted))))
+    said = refusal(save(tmp_path / "a.vtu", both, parted, groups(both, skin(parted))))
     assert re.search(
         r"^4 nodes of .* coincide with another one, the first near \(20, -6, 0\) mm, .*: merge nodes", said
     )
@@ -153,127 +126,12 @@ def test_surface_that_crosses_itself_is_refused_where_it_does(tmp_path: Path) ->
     named = {"clamp": middles[:, 0] < 1e-6, "cavity": inside(middles, (5, -3, 4), (10, 3, 8))}
     dip = (points[:, 0] > 19) & (points[:, 2] > 7.9) & (np.abs(points[:, 1]) < 3.01)
     dipped = points - 4.5 * dip[:, None] * np.array([0, 0, 1])
-    said = refused(save(tmp_path / "a.vtu", dipped, cells, named))
+    said = refusal(save(tmp_path / "a.vtu", dipped, cells, named))
     found = re.search(r"passes through itself near \((\S+), (\S+), (\S+)\) mm before anything acts on it", said)
     assert found is not None
     x, y, z = map(float, found.groups())
     assert 15 <= x <= 40 and -10 <= y <= 10 and 3 <= z <= 8.5
     assert from_file(save(tmp_path / "b.vtu", points, cells, named)).mesh(1.0).nelements == len(cells)
-
-
-# Groups
-
-
-def test_empty_group_and_group_of_volumes_are_told_apart(tmp_path: Path) -> None:
-    points, cells, named = plain()
-    empty = save(tmp_path / "a.vtu", points, cells, {**named, "clamp": 0 * named["clamp"]})
-    said = refused(empty)
-    assert "The group 'clamp' of" in said and "holds nothing, but finger.clamp needs facets or nodes" in said
-    assert "cavity (26 facets), clamp (nothing)" in said
-    blocks: list[Any] = [("hexahedron", cells), ("quad", skin(cells))]
-    volumes = {"clamp": [np.ones(66), np.zeros(len(skin(cells)))], "cavity": [np.zeros(66), 1.0 * named["cavity"]]}
-    meshio.write_points_cells(tmp_path / "b.vtu", points, blocks, cell_data=volumes)
-    assert "The group 'clamp' of" in (said := refused(tmp_path / "b.vtu")) and "holds 66 volumes, but" in said
-
-
-@pytest.mark.parametrize("number", ["3", 3])
-def test_physical_groups_without_names_go_by_number(tmp_path: Path, number: Any) -> None:
-    points, cells, named = plain()
-    facets = skin(cells)
-    tags = [np.full(len(cells), 9), np.where(named["clamp"], 3, np.where(named["cavity"], 4, 5))]
-    raw = meshio.Mesh(points, [("hexahedron", cells), ("quad", facets)])
-    raw.cell_data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
-    meshio.write(tmp_path / "a.msh", raw, file_format="gmsh22")
-    config = composed("finger=mesh", f"finger.path={tmp_path / 'a.msh'}", f"finger.clamp={number}", "finger.cavity=4")
-    mesh = from_file(tmp_path / "a.msh", clamp=config.finger.clamp, cavity=config.finger.cavity).mesh(1.0)
-    assert [len(mesh.boundaries[name]) for name in ("clamp", "cavity")] == [9, 26]
-    assert "its groups are 3 (9 facets), 4 (26 facets), 5 (" in refused(tmp_path / "a.msh")
-
-
-def test_a_number_of_gmsh_is_another_one_for_volumes(tmp_path: Path) -> None:
-    points, cells, named = plain()
-    tags = [np.full(len(cells), 3), np.where(named["clamp"], 3, np.where(named["cavity"], 4, 5))]
-    raw = meshio.Mesh(points, [("hexahedron", cells), ("quad", skin(cells))])
-    raw.cell_data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
-    raw.field_data = {"body": np.array([3, 3]), "clamp": np.array([3, 2]), "cavity": np.array([4, 2])}
-    meshio.write(tmp_path / "a.msh", raw, file_format="gmsh22")
-    assert len(from_file(tmp_path / "a.msh").mesh(1.0).boundaries["clamp"]) == 9
-    said = refused(tmp_path / "a.msh", clamp="body")
-    assert "The group 'body' of" in said and "holds 66 volumes, but finger.clamp needs facets" in said
-    assert "body (66 volumes), cavity (26 facets), clamp (9 facets), 5 (" in said
-
-
-def test_families_of_salome_are_groups(tmp_path: Path) -> None:
-    """Salome marks each facet with the number of a family that lists its groups, and writes left-handed elements."""
-    points, cells, named = plain()
-    facets = skin(cells)
-    families = np.where(named["clamp"], -7, np.where(named["cavity"], -8, 0))
-    families[np.flatnonzero(named["clamp"])[0]] = -9  # in two groups
-    raw: Any = meshio.Mesh(points, [("hexahedron", swapped(cells)), ("quad", facets)])
-    raw.cell_data = {"cell_tags": [np.zeros(len(cells), dtype=int), families]}
-    raw.cell_tags = {-7: ["clamp"], -8: ["cavity"], -9: ["clamp", "corner"]}
-    raw.write(tmp_path / "a.med")
-    mesh = from_file(tmp_path / "a.med").mesh(1.0)
-    assert [len(mesh.boundaries[name]) for name in ("clamp", "cavity")] == [9, 26]
-    assert "cavity (26 facets), clamp (9 facets), corner (1 facets)." in refused(tmp_path / "a.med", clamp="root")
-
-
-FACES = {  # of a hexahedron and of a tetrahedron, by the numbers of Abaqus; corners from 1
-    8: ["1234", "5678", "1265", "2376", "3487", "4158"],
-    4: ["123", "142", "243", "341"],
-}
-
-
-def abaqus(path: Path, points: Array, cells: Index, named: dict[str, Any], sets: bool) -> Path:
-    """An input file as Abaqus writes it: its surfaces are faces of elements, one by one or in sets."""
-    kind = {8: "C3D8R", 4: "C3D4"}[cells.shape[1]]
-    lines = ["*Heading", "** made by hand", "*Node"]
-    lines += [f"{number}, {', '.join(map(repr, map(float, point)))}" for number, point in enumerate(points, start=10)]
-    lines.append(f"*Element, type={kind}")
-    lines += [f"{number}, {', '.join(map(str, cell + 10))}" for number, cell in enumerate(cells, start=1000)]
-    facets = skin(cells)
-    for name, mask in named.items():
-        wanted = {tuple(sorted(facet)) for facet in facets[mask].tolist()}
-        owners: dict[int, list[int]] = {}
-        for number, cell in enumerate(cells.tolist(), start=1000):
-            for face, corners in enumerate(FACES[len(cell)], start=1):
-                if tuple(sorted(cell[int(corner) - 1] for corner in corners)) in wanted:
-                    owners.setdefault(face, []).append(number)
-        rows = [f"{number}, S{face}" for face, numbers in owners.items() for number in numbers]
-        if sets:
-            for face, numbers in owners.items():
-                lines += [f"*Elset, elset=_{name}_S{face}, internal", *(f"{number}," for number in numbers)]
-            rows = [f"_{name.upper()}_S{face}, S{face}" for face in owners]  # names are the same in either case
-        lines += [f"*Surface, type=ELEMENT, name={name}", *rows]
-    path.write_text("\n".join([*lines, "*Step", "*End Step"]) + "\n")
-    return path
-
-
-@pytest.mark.parametrize("sets", [False, True], ids=["elements", "sets"])
-@pytest.mark.parametrize("split", [False, True], ids=["hexahedra", "tetrahedra"])
-def test_surfaces_of_abaqus_are_groups(tmp_path: Path, split: bool, sets: bool) -> None:
-    points, cells = bricks()
-    cells = tetrahedra(cells) if split else cells
-    named = groups(points, skin(cells))
-    mesh = from_file(abaqus(tmp_path / "a.inp", points, cells, named, sets)).mesh(1.0)
-    for name, mask in named.items():
-        middles = points[skin(cells)[mask]].mean(axis=1)
-        found = mesh.p[:, mesh.facets[:, mesh.boundaries[name]]].mean(axis=1).T - [0, 0, 0]
-        np.testing.assert_allclose(_sorted(found), _sorted(middles), atol=1e-9)
-    said = refused(tmp_path / "a.inp", clamp="root")
-    assert f"cavity ({int(named['cavity'].sum())} facets), clamp ({int(named['clamp'].sum())} facets)" in said
-
-
-def _sorted(places: Array) -> Array:
-    rounded: Array = places.round(6) + 0.0
-    return rounded[np.lexsort(rounded.T)]
-
-
-def test_surface_of_abaqus_that_names_nothing_holds_nothing(tmp_path: Path) -> None:
-    points, cells, named = plain()
-    path = abaqus(tmp_path / "a.inp", points, cells, named, sets=False)
-    path.write_text(path.read_text() + "*Surface, type=ELEMENT, name=root\nnowhere, S1\n77, S9\n1000,\n")
-    assert "The group 'root' of" in (said := refused(path, clamp="root")) and "holds nothing" in said
 
 
 # Chambers
@@ -298,7 +156,7 @@ def test_second_chamber_in_no_group_is_asked_about(tmp_path: Path) -> None:
 def test_cavity_that_is_an_outer_surface_beside_a_chamber_is_refused(tmp_path: Path) -> None:
     """An outer surface is closed too where the clamp closes it."""
     points, cells, named = plain()
-    said = refused(save(tmp_path / "a.vtu", points, cells, {**named, "cavity": ~named["clamp"]}))
+    said = refusal(save(tmp_path / "a.vtu", points, cells, {**named, "cavity": ~named["clamp"]}))
     assert "encloses no air around" in said
 
 
@@ -327,14 +185,14 @@ def vtu(path: Path, points: Array, cells: Index, kind: int, field: str = "") -> 
 
 def test_voxels_are_named(tmp_path: Path) -> None:
     points, cells = bricks()
-    said = refused(vtu(tmp_path / "a.vtu", points, cells[:, [0, 1, 3, 2, 4, 5, 7, 6]], 11))
+    said = refusal(vtu(tmp_path / "a.vtu", points, cells[:, [0, 1, 3, 2, 4, 5, 7, 6]], 11))
     assert "has cells that meshio leaves out (VTK's type 11, voxels)" in said and said.endswith("to hexahedra.")
 
 
 def test_text_in_a_file_of_vtk_is_named(tmp_path: Path) -> None:
     points, cells = bricks()
     author = '<FieldData><Array type="String" Name="author" format="ascii">109 101 0 </Array></FieldData>'
-    said = refused(vtu(tmp_path / "a.vtu", points, cells, 12, author))
+    said = refusal(vtu(tmp_path / "a.vtu", points, cells, 12, author))
     assert (
         "holds text in the array 'author', which meshio cannot read (meshio says 'Illegal data type 'String'')" in said
     )
@@ -356,7 +214,7 @@ def test_text_in_a_file_of_vtk_is_named(tmp_path: Path) -> None:
 )
 def test_reason_of_meshio_is_told(tmp_path: Path, name: str, text: str, why: str) -> None:
     (tmp_path / name).write_text(text)
-    said = refused(tmp_path / name)
+    said = refusal(tmp_path / name)
     assert "cannot be read as a mesh (meshio says '" in said and why in said
     own = {"inp": "Abaqus", "vtu": "VTK", "msh": "Gmsh"}.get(name[2:], "nothing")
     assert own not in said.rpartition(": export it again, or as one of ")[2]
@@ -364,66 +222,16 @@ def test_reason_of_meshio_is_told(tmp_path: Path, name: str, text: str, why: str
 
 def test_pointer_in_the_place_of_a_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.vtk").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n")
-    assert "is a pointer of Git LFS in the place of the mesh: fetch it by 'git lfs pull'." in refused(
+    assert "is a pointer of Git LFS in the place of the mesh: fetch it by 'git lfs pull'." in refusal(
         tmp_path / "a.vtk"
     )
-
-
-def gmsh41(path: Path, points: Array, blocks: Sequence[tuple[int, int, Index, int | None]]) -> Path:
-    """A file in format 4.1 of Gmsh; each block has its dimension, its kind, its cells and its physical group."""
-    entities = {
-        dimension: [at for at, block in enumerate(blocks, start=1) if block[0] == dimension] for dimension in (2, 3)
-    }
-    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$Entities", f"0 0 {len(entities[2])} {len(entities[3])}"]
-    for dimension in (2, 3):
-        for at in entities[dimension]:
-            group = blocks[at - 1][3]
-            lines.append(f"{at} 0 0 0 1 1 1 {'0' if group is None else f'1 {group}'} 0")
-    lines += ["$EndEntities", "$Nodes", f"1 {len(points)} 1 {len(points)}", f"3 {entities[3][0]} 0 {len(points)}"]
-    lines += [str(number) for number in range(1, len(points) + 1)]
-    lines += [" ".join(map(repr, map(float, point))) for point in points]
-    count = sum(len(block[2]) for block in blocks)
-    lines += ["$EndNodes", "$Elements", f"{len(blocks)} {count} 1 {count}"]
-    number = 0
-    for at, (dimension, kind, cells, _) in enumerate(blocks, start=1):
-        lines.append(f"{dimension} {at} {kind} {len(cells)}")
-        for cell in cells:
-            number += 1
-            lines.append(f"{number} {' '.join(map(str, cell + 1))}")
-    path.write_text("\n".join([*lines, "$EndElements"]) + "\n")
-    return path
-
-
-def test_groups_of_gmsh_that_are_not_everywhere(tmp_path: Path) -> None:
-    points, cells, named = plain()
-    facets = skin(cells)
-    rest = facets[~named["clamp"] & ~named["cavity"]]
-    surfaces = [(2, 3, facets[named["clamp"]], 3), (2, 3, facets[named["cavity"]], 4)]
-    all_in = gmsh41(tmp_path / "a.msh", points, [*surfaces, (2, 3, rest, 5), (3, 5, cells, 6)])
-    assert from_file(all_in, clamp="3", cavity="4").mesh(1.0).nelements == 66
-    some = refused(gmsh41(tmp_path / "b.msh", points, [*surfaces, (2, 3, rest, None), (3, 5, cells, 6)]), clamp="3")
-    assert "has elements in physical groups and others in none, which meshio cannot read in format 4.1" in some
-    assert "Mesh.MshFileVersion=2.2" in some
-    no_volume = meshio.Mesh(points, [("quad", facets)])
-    no_volume.cell_data = {name: [np.where(named["clamp"], 3, 4)] for name in ("gmsh:physical", "gmsh:geometrical")}
-    meshio.write(tmp_path / "c.msh", no_volume, file_format="gmsh22")
-    assert "put the volume in a physical group, as Gmsh leaves out what is in none" in refused(tmp_path / "c.msh")
-    left_out = save(tmp_path / "d.vtu", points, cells[1:], None)  # its facets are still there
-    raw = meshio.read(left_out)
-    raw.cells[1].data = np.vstack([raw.cells[1].data, facets[named["clamp"]]])
-    for name in ("clamp", "cavity"):
-        marked = np.full(int(named["clamp"].sum()), float(name == "clamp"))
-        raw.cell_data[name][1] = np.concatenate([raw.cell_data[name][1], marked])
-    raw.write(left_out)
-    assert "are not on the surface of the volume mesh" in (said := refused(left_out))
-    assert "Gmsh leaves out those that are in no physical group" in said
 
 
 def test_small_body_is_asked_about(tmp_path: Path) -> None:
     points, cells, named = plain()
     (told,) = from_file(save(tmp_path / "a.vtu", points * 0.2, cells, named)).doubts()
     assert told.endswith("a.vtu is only 8 mm large: is its unit of length finger.unit=mm?")
-    said = refused(save(tmp_path / "b.vtu", points * 1e-3, cells, named))
+    said = refusal(save(tmp_path / "b.vtu", points * 1e-3, cells, named))
     assert "is 0.04 × 0.012 × 0.012 mm large, which is no finger: finger.unit=m would make it a finger" in said
 
 

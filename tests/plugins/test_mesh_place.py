@@ -11,21 +11,15 @@ from skfem import Mesh
 
 from pgdl_lab import registry
 from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.meshaxes import rotation
 from pgdl_lab.mechanics.side import find, observe_side
-from tests.fingers import OBSERVATION, solid
+from tests.fingers import OBSERVATION, from_file, solid
 from tests.meshes import Array, Index, bricks, groups, inside, save, skin, tetrahedra
 
 registry.discover()
 
 HALF = (0.0, 3.0, 6.0)
 WIDE = (-10.0, -6.0, -3.0, 3.0, 6.0, 10.0)
-
-
-def from_file(path: Path, **fields: Any) -> Finger:
-    finger: Finger = registry.plugin("finger", "mesh")(**{"path": str(path), "max_kpa": 10.0, **fields})
-    return finger
 
 
 def half(hole: Callable[[int, int, int], bool] = lambda i, j, k: 1 <= i <= 6 and j == 0 and k == 1) -> Any:

@@ -15,15 +15,10 @@ from pgdl_lab.mechanics.meshaxes import rotation, within
 from pgdl_lab.mechanics.meshsurface import distances
 from pgdl_lab.snapshots import Observation
 from tests.conftest import composed
-from tests.fingers import solid
+from tests.fingers import from_file, solid
 from tests.meshes import Array, Index, bricks, chamber, groups, inside, save, skin, tetrahedra
 
 registry.discover()
-
-
-def from_file(path: Path, **fields: Any) -> Finger:
-    finger: Finger = registry.plugin("finger", "mesh")(**{"path": str(path), "max_kpa": 1.0, **fields})
-    return finger
 
 
 def bare(path: Path, points: Array, cells: Index) -> Path:
