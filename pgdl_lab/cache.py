@@ -12,6 +12,7 @@ from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
 from pgdl_lab.registry import describe
+from pgdl_lab.resultcheck import WARNINGS, doubts
 from pgdl_lab.snapshots import VERSION, DamagedSnapshots, Observation, Snapshots
 
 _log = logging.getLogger(__name__)
@@ -80,8 +81,18 @@ def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -
         except SimulationStopped as stop:
             if not len(stop.snapshots.pressures_kpa):
                 raise
+            _warn(stop.snapshots, finger)
             partial = path.with_name(f"{path.stem}-stopped.h5")
             stop.snapshots.save(partial)
             raise SimulationStopped(f"{stop} What converged is kept in {partial}.", stop.snapshots) from None
+        _warn(snapshots, finger)
         snapshots.save(path)
     return snapshots, path, False
+
+
+def _warn(snapshots: Snapshots, finger: Finger) -> None:
+    """Tell what of finger and result may not be as meant; it goes with the snapshots."""
+    found = [*finger.doubts(), *doubts(snapshots, finger)]
+    for sentence in found:
+        _log.warning(sentence)
+    snapshots.provenance[WARNINGS] = [*snapshots.provenance.get(WARNINGS, []), *found]

@@ -130,9 +130,19 @@ class Equilibrium:
         return self.contact.free_step(displacement, correction) if self.contact.active else 1.0
 
     def pressure_forces(self, displacement: Array) -> Array:
-        """Nodal forces (N, 3) of the air per unit of pressure [N/MPa] at `displacement` (N, 3) [mm]."""
+        """Nodal forces (N, 3) of a unit of pressure [N/MPa] at `displacement` (N, 3) [mm], right where it is free."""
         air = self.cavity.response(displacement, hessian=False)
         return self._assembler.vector(None, air.gradient)
+
+    def reaction_and_load(self, displacement: Array, load: Load) -> tuple[Array, Array]:
+        """Reaction of the support, and sum of weight and air: (3,) each [N]; they cancel in equilibrium.
+
+        Where a cavity ends at the support, what closes it does not push on the body: the air alone, on the walls, does.
+        """
+        pushed = load.pressure_mpa * self._assembler.vector(None, self.cavity.push(displacement))
+        inner = self.balance(displacement, Load(0.0, 0.0), stiffness=False).forces
+        outer = load.weight * self.weight + pushed
+        return ((inner - outer) * ~self.free).sum(axis=0), outer.sum(axis=0)
 
 
 def _hessian(

@@ -247,7 +247,7 @@ class Model:
                 except PathEnded as end:
                     raise LabError(
                         f"The finger bears only {end.branch.parameters[-1]:.0%} of its weight: check the units of "
-                        "finger.density_kg_m3 and finger.gravity_m_s2, or refine the mesh (fem.edge_mm)."
+                        "finger.density_kg_m3 and finger.gravity_m_s2, or refine the mesh."
                     ) from None
                 resting, weighing = settled.displacements[-1], settled.iterations
             complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
@@ -265,11 +265,9 @@ class Model:
     def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
         """Reaction of the support, and sum of weight and pressure: (3,) each [N], for what is meshed.
 
-        Along x and z they cancel; along y the other half, where there is one, holds against the pressure.
+        They cancel; the other half of a finger, where only one is meshed, counts as support along y.
         """
-        balance = self.equilibrium.balance(displacement, Load(1.0, 1e-3 * kpa), stiffness=False)
-        outer = self.equilibrium.weight + 1e-3 * kpa * self.equilibrium.pressure_forces(displacement)
-        return (balance.forces * ~self.equilibrium.free).sum(axis=0), outer.sum(axis=0)
+        return self.equilibrium.reaction_and_load(displacement, Load(1.0, 1e-3 * kpa))
 
     def discretisation_error(self, history: History) -> DiscretisationError | None:
         """Estimated for the equilibrium at the highest pressure; None if none can be had."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 COARSE_PERCENT = 3.0
-STANDARD_GRAVITY = 9.81  # [m/s²]
+PREVENT = {"off": "use fem.contact=auto", "auto": "use fem.contact=on", "on": "refine the mesh"}
 CONTACT_MODES = ("auto", "on", "off")
 
 
@@ -100,10 +100,12 @@ class Solid(Fem):
                 sideways[0],
                 len(sideways) - 1,
                 len(history.branch.parameters),
-                _whole(finger),
+                finger.whole(),
             )
         if crossed := snapshots.provenance["contact"]["penetration_kpa"]:
-            _log.warning("Surfaces pass through each other at %.4g kPa and more: use fem.contact=auto.", crossed[0])
+            _log.warning(
+                "Surfaces pass through each other at %.4g kPa and more: %s.", crossed[0], PREVENT[self.contact]
+            )
         if not history.complete:
             raise SimulationStopped(
                 f"{history.ending(finger, len(pressures), observation.snapshots)} Lower the pressure, thicken the "
@@ -113,23 +115,26 @@ class Solid(Fem):
         return snapshots
 
     def _discretisation_error(self, model: "Model", history: "History") -> dict[str, Any] | None:
+        from pgdl_lab.mechanics.elements import AUTO, choose
+
         if not self.estimate_error:
             return None
         error = model.discretisation_error(history)
         if error is None:
+            best = choose(AUTO, model.mesh)
             _log.warning(
-                "The discretisation error could not be estimated, so it may be large: compare with another "
-                "fem.edge_mm=%g, or choose fem.element=auto.",
-                self.edge_mm,
+                "The discretisation error could not be estimated, so it may be large: %s and compare%s.",
+                model.finger.finer(self.edge_mm),
+                "" if model.element == best else f", or choose fem.element={best}",
             )
         elif error.tip_percent > COARSE_PERCENT:
             _log.warning(
                 "On a mesh with half the edges the tip would lie %.2g mm elsewhere at %.4g kPa, %.2g %% of its "
-                "displacement: lower fem.edge_mm=%g if that matters.",
+                "displacement: %s if that matters.",
                 error.tip_mm,
                 error.kpa,
                 error.tip_percent,
-                self.edge_mm,
+                model.finger.finer(self.edge_mm),
             )
         return None if error is None else asdict(error)
 
@@ -159,12 +164,3 @@ class Solid(Fem):
             | {name: version(name) for name in ("numpy", "scipy", "scikit-fem")}
             | {"pgdl_lab": __version__},
         }
-
-
-def _whole(finger: Finger) -> str:
-    """How to have the whole of a finger simulated, which a pull across of 1/10,000 of the weight makes lean over."""
-    if finger.files():
-        return "with a mesh of both halves and no group of symmetry"
-    x, z = finger.gravity_m_s2[0], finger.gravity_m_s2[-1]
-    across = 1e-4 * (np.hypot(x, z) or STANDARD_GRAVITY)
-    return f"with a pull across that is next to nothing, finger.gravity_m_s2=[{x},{across:.3g},{z}]"
