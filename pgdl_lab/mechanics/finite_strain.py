@@ -267,7 +267,7 @@ class Model:
         smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
         states = zip(branch.parameters, branch.displacements, strict=True)
         return {
-            "acted": contact.active,
+            "acted": contact.active and any(contact.near(displacement) for displacement in branch.displacements),
             "smallest_gap_mm": smallest if np.isfinite(smallest) else None,
             "penetration_kpa": [kpa for kpa, displacement in states if contact.penetrates(displacement)],
         }

@@ -40,7 +40,8 @@ class Solid(Fem):
         `hex20` (displacement only); on tetrahedra `tet10_p0` (10 nodes, mean dilatation), `tet15_p1`
         (discontinuous linear pressure) or `tet10` (displacement only). `auto`: hex27_p1 or tet10_p0, whichever fits.
     contact
-        Frictionless contact of the outer surfaces: `auto` (from the step in which they first touch), `on` or `off`.
+        Frictionless contact of the outer surfaces, of the walls in a chamber, and of half a finger with its mirror
+        image: `auto` (from the step in which they first touch), `on` or `off`.
     contact_mm
         Distance below which surfaces push each other apart; they never come nearer than a part of it [mm].
     newton_mm
