@@ -1,7 +1,7 @@
 """A finger as a three-dimensional finite-strain solid: from mesh to the history of its equilibria."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -218,7 +218,7 @@ class Model:
             lambda kpa: Load(1.0, 1e-3 * kpa),
             lambda displacement: 1e-3 * equilibrium.pressure_forces(displacement),
         )
-        with progress() as show:
+        with closing(self.solver), progress() as show:
             resting, weighing = np.zeros_like(equilibrium.weight), 0
             if equilibrium.weight.any():
                 try:
@@ -235,7 +235,6 @@ class Model:
             except PathEnded as end:
                 branch, complete = end.branch, False
             error = refine(inflate, branch, pressures_kpa, interpolation_mm)
-        self.solver.close()
         return History(branch, complete, error, weighing + branch.iterations, sorted(inflate.unstable))
 
     def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
