@@ -6,6 +6,7 @@ step of Newton's method ends before the first penetration. That holds from a sta
 there can show: a body carried wholly through another crosses nothing at the end of it.
 """
 
+import os
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +16,7 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.skin import MIRROR, skin
 from pgdl_lab.mechanics.surface import ContactResponse, MirrorPlane, Pairs, Surface
+from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]
 
@@ -57,6 +59,9 @@ class Contact:
         mode: str,
         cut: tuple[str, ...] = (MIRROR,),
     ) -> None:
+        import ipctk
+
+        ipctk.set_num_threads(min(threads(), os.cpu_count() or 1))  # it complains of more
         self.mode = mode
         self.active = mode == "on"
         self.reach_mm = reach_mm

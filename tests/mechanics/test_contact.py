@@ -169,6 +169,14 @@ def test_reach_beyond_the_mesh_is_refused(mesh: Discretisation) -> None:
     assert crossed.penetrates(closed_to(mesh, -0.5, slip_mm=0.1)) and not crossed.penetrates(closed_to(mesh, 0.5))
 
 
+def test_no_reach_is_asked_for_without_contact() -> None:
+    finger = pneunet(gap_mm=0.05)
+    with pytest.raises(InputError, match=r"fem.contact_mm is 0.05 mm; it must be below half of 0.0\d+ mm"):
+        solid().simulate(finger, OBSERVATION)
+    report = solid(contact="off").simulate(replace(finger, max_kpa=1.0), OBSERVATION).provenance["contact"]
+    assert not report["acted"]
+
+
 def thin(contact: str, max_kpa: float) -> Snapshots:
     """Two chambers with thin walls, 0.3 mm apart; they touch at some 8 kPa."""
     finger = pneunet(wall_mm=1.5, side_wall_mm=1.5, gap_mm=0.3, max_kpa=max_kpa)

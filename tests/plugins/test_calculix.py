@@ -181,6 +181,24 @@ class TestTrouble:
         assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in is a shell script")
+def test_the_program_is_told_as_many_threads_as_the_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in = tmp_path / "ccx"
+    stand_in.write_text(f'#!/bin/sh\necho "$OMP_NUM_THREADS" > {tmp_path}/told\nexit 1\n')
+    stand_in.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(7)), raising=False)
+    for told, expected in (("5", 5), ("", 7)):
+        monkeypatch.setenv("OMP_NUM_THREADS", told)
+        with pytest.raises(LabError, match="no equilibrium under the weight alone"):
+            calculix().simulate(pneunet(), OBSERVATION)
+        assert int((tmp_path / "told").read_text()) == expected
+
+
+def test_a_small_gap_does_not_matter_to_a_program_without_contact() -> None:
+    Model(pneunet(gap_mm=0.05), 6.0, "hex20")
+
+
 @pytest.fixture(scope="module")
 def snapshots() -> Snapshots:
     return calculix().simulate(pneunet(), OBSERVATION)
