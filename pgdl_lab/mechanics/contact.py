@@ -98,9 +98,14 @@ class Contact:
         farthest = WIDEST_GAP * self.reach_mm
         return min(self._smallest_mm(self._rest, 2 * farthest) / 2, farthest)
 
-    def response(self, displacement: Array, *, hessian: bool) -> ContactResponse:
-        """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration."""
-        first, *others = (pairs.response(displacement, hessian=hessian) for pairs in self._pairs)
+    def response(self, displacement: Array, *, hessian: bool, mirror: bool = True) -> ContactResponse:
+        """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration.
+
+        Without the `mirror` image the stiffness is that against motions which break the symmetry: they carry the image
+        along with the half, so that the gap between both stays.
+        """
+        taking_part = [pairs for pairs in self._pairs if mirror or not isinstance(pairs, MirrorPlane)]
+        first, *others = (pairs.response(displacement, hessian=hessian) for pairs in taking_part)
         return sum(others, start=first)
 
     def free_step(self, displacement: Array, correction: Array) -> float:

@@ -141,6 +141,23 @@ def test_pressure_of_the_mirror_image_is_that_of_the_barrier() -> None:
     np.testing.assert_allclose(forces.sum(axis=0), [0.0, -2 * 8 * pressure, 0.0], rtol=1e-9, atol=1e-9)
 
 
+def test_motions_that_break_the_symmetry_leave_the_gap_to_the_mirror_image() -> None:
+    """Both prongs moved to the same side: nothing resists in the whole body, nor in half of it without its image."""
+    half = discretised(slotted())
+    stiff = {}
+    for whole, mirror in ((True, True), (False, False), (False, True)):
+        mesh = discretised(slotted(whole=whole))
+        same = cKDTree(half.positions).query(np.abs(mesh.positions))[1]
+        side = np.where(mesh.positions[:, [1]] < 0, [1.0, -1.0, 1.0], 1.0)
+        contact = Contact(mesh, 0.05, 0.05, "on")
+        touching = contact.response(side * squeezed(half, 0.02, 2.0)[same], hessian=True, mirror=mirror)
+        aside = np.tile([0.0, 1.0, 0.0], len(mesh.positions))
+        assert touching.stiffness is not None
+        stiff[whole, mirror] = float(aside @ (touching.stiffness @ aside))
+    assert stiff[False, True] > 1
+    assert abs(stiff[True, True]) < 1e-9 and abs(stiff[False, False]) < 1e-9
+
+
 def test_gaps_and_penetration_are_seen() -> None:
     mesh = discretised(slotted(), "hex27_p1")
     contact = Contact(mesh, 0.05, 0.05, "auto")
