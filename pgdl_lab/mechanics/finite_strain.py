@@ -17,6 +17,7 @@ from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discre
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
+from pgdl_lab.mechanics.memory import require
 from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
 from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.solid import Solid
@@ -149,6 +150,11 @@ class Model:
         "auto" (from the step in which surfaces first touch), "on" (from the start) or "off".
     contact_mm
         Distance below which surfaces push each other apart [mm].
+
+    Raises
+    ------
+    TooLarge
+        When there is not enough memory for the mesh.
     """
 
     def __init__(
@@ -157,6 +163,7 @@ class Model:
         self.finger = finger
         self.mesh = finger.mesh(edge_mm)
         self.element = choose(element, self.mesh)
+        require(self.mesh, ELEMENTS[self.element], edge_mm, finger.mesh, refined=False)
         self.contact_mm = contact_mm
         self.equilibrium = self.equilibrium_on(self.mesh, lambda on: self._contact(on, contact))
         self.discretisation = self.equilibrium.solid.discretisation
