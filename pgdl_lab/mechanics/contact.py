@@ -70,7 +70,7 @@ class Contact:
         for divisions in DIVISIONS:
             surfaces = [Surface(each, discretisation.positions, divisions, *law) for each in faces]
             self._pairs: list[Pairs] = [*surfaces]
-            if MIRROR in (discretisation.basis.mesh.boundaries or {}):
+            if len((discretisation.basis.mesh.boundaries or {}).get(MIRROR, [])):
                 held = np.zeros(len(self._rest), dtype=bool)
                 held[discretisation.basis.get_dofs(MIRROR).all()] = True
                 self._pairs.append(MirrorPlane(surfaces, held, *law))
