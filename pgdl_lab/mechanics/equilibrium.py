@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.assembly import Assembler
 from pgdl_lab.mechanics.cavity import Cavity, CavityResponse
-from pgdl_lab.mechanics.contact import Contact, ContactResponse
+from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.solid import Response, Solid
+from pgdl_lab.mechanics.surface import ContactResponse
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -122,7 +123,7 @@ class Equilibrium:
             self.solid.response(displacement, stiffness=True),
             self.cavity.response(displacement, hessian=True),
             load.pressure_mpa,
-            self.contact.response(displacement, hessian=True) if self.contact.active else None,
+            self.contact.response(displacement, hessian=True, mirror=False) if self.contact.active else None,
         )
 
     def free_step(self, displacement: Array, correction: Array) -> float:

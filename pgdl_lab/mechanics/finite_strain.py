@@ -1,7 +1,7 @@
 """A finger as a three-dimensional finite-strain solid: from mesh to the history of its equilibria."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discre
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
+from pgdl_lab.mechanics.memory import require
 from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
 from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.solid import Solid
@@ -165,6 +166,11 @@ class Model:
         "auto" (from the step in which surfaces first touch), "on" (from the start) or "off".
     contact_mm
         Distance below which surfaces push each other apart [mm].
+
+    Raises
+    ------
+    TooLarge
+        When there is not enough memory for the mesh.
     """
 
     def __init__(
@@ -173,6 +179,7 @@ class Model:
         self.finger = finger
         self.mesh = finger.mesh(edge_mm)
         self.element = choose(element, self.mesh)
+        require(self.mesh, ELEMENTS[self.element], edge_mm, finger.mesh, refined=False)
         self.contact_mm = contact_mm
         self.equilibrium = self.equilibrium_on(self.mesh, lambda on: self._contact(on, contact))
         self.discretisation = self.equilibrium.solid.discretisation
@@ -239,7 +246,8 @@ class Model:
             lambda displacement: 1e-3 * equilibrium.pressure_forces(displacement),
             watch=None if equilibrium.sideways is None else symmetric_solver(),
         )
-        with progress() as show:
+        watching = closing(inflate.watch) if inflate.watch else nullcontext()
+        with closing(self.solver), watching, progress() as show:
             resting, weighing = np.zeros_like(equilibrium.weight), 0
             if equilibrium.weight.any():
                 try:
@@ -256,9 +264,6 @@ class Model:
             except PathEnded as end:
                 branch, complete = end.branch, False
             error = refine(inflate, branch, pressures_kpa, interpolation_mm)
-        self.solver.close()
-        if inflate.watch is not None:
-            inflate.watch.close()
         iterations = weighing + branch.iterations
         return History(branch, complete, error, iterations, sorted(inflate.unstable), sorted(inflate.sideways))
 
@@ -289,7 +294,7 @@ class Model:
         smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
         states = zip(branch.parameters, branch.displacements, strict=True)
         return {
-            "acted": contact.active,
+            "acted": contact.active and any(contact.near(displacement) for displacement in branch.displacements),
             "smallest_gap_mm": smallest if np.isfinite(smallest) else None,
             "penetration_kpa": [kpa for kpa, displacement in states if contact.penetrates(displacement)],
         }

@@ -1,6 +1,7 @@
 """Sparse direct solvers for symmetric matrices: MKL Pardiso where it is installed, SuperLU of SciPy elsewhere."""
 
 import os
+import weakref
 from importlib.metadata import PackageNotFoundError, files
 from typing import Any, Protocol
 
@@ -39,7 +40,10 @@ class SymmetricSolver(Protocol):
 
 
 class Pardiso:
-    """MKL Pardiso for symmetric indefinite matrices; the ordering is kept as long as the pattern stays the same."""
+    """MKL Pardiso for symmetric indefinite matrices; the ordering is kept as long as the pattern stays the same.
+
+    Its memory is not Python's: it is given back by `close`, and at the latest with this object.
+    """
 
     name = "MKL Pardiso"
 
@@ -51,13 +55,14 @@ class Pardiso:
         # Set by hand, these are the defaults, but for iterative refinement (8): Newton's method corrects what it would.
         for number, value in {1: 1, 2: 3, 8: 0, 10: 8, 21: 1}.items():
             self._solver.set_iparm(number, value)
+        weakref.finalize(self, self._solver.free_memory, everything=True).atexit = False
         self._matrix: sp.csr_matrix | None = None
         self.negative = 0
 
     def factorise(self, upper: sp.csr_matrix) -> None:
         unused = np.zeros((upper.shape[0], 1))
-        known = self._matrix
-        if known is None or known.nnz != upper.nnz or not np.array_equal(known.indices, upper.indices):
+        known, self._matrix = self._matrix, None  # until it is factorised
+        if known is None or not same_pattern(known, upper):
             self.close()
             self._run(11, upper, unused)
         self._run(22, upper, unused)
@@ -78,9 +83,8 @@ class Pardiso:
             self._solver.free_memory()
 
     def close(self) -> None:
-        if self._matrix is not None:
-            self._solver.free_memory(everything=True)
-            self._matrix = None
+        self._solver.free_memory(everything=True)
+        self._matrix = None
 
 
 class SuperLU:
@@ -108,6 +112,11 @@ class SuperLU:
 
     def close(self) -> None:
         self._factors = None
+
+
+def same_pattern(one: sp.csr_matrix, other: sp.csr_matrix) -> bool:
+    """Whether two matrices have entries in the same places."""
+    return np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
 
 
 def _name_mkl() -> None:

@@ -41,7 +41,8 @@ class Solid(Fem):
         `hex20` (displacement only); on tetrahedra `tet10_p0` (10 nodes, mean dilatation), `tet15_p1`
         (discontinuous linear pressure) or `tet10` (displacement only). `auto`: hex27_p1 or tet10_p0, whichever fits.
     contact
-        Frictionless contact of the outer surfaces: `auto` (from the step in which they first touch), `on` or `off`.
+        Frictionless contact of the outer surfaces, of the walls in a chamber, and of half a finger with its mirror
+        image: `auto` (from the step in which they first touch), `on` or `off`.
     contact_mm
         Distance below which surfaces push each other apart; they never come nearer than a part of it [mm].
     newton_mm
@@ -49,7 +50,8 @@ class Solid(Fem):
     interpolation_mm
         Largest error of snapshots that are interpolated between equilibria [mm].
     estimate_error
-        Whether to estimate the discretisation error at the highest pressure; takes about as long as the simulation.
+        Whether to estimate the discretisation error at the highest pressure; takes about as long as the simulation, and
+        some seven times its memory.
     """
 
     edge_mm: float = 3.0
@@ -72,11 +74,15 @@ class Solid(Fem):
             raise InputError(f"fem.contact is '{self.contact}'; choose one of {', '.join(CONTACT_MODES)}.")
 
     def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        from pgdl_lab.mechanics.elements import ELEMENTS
         from pgdl_lab.mechanics.finite_strain import Model
+        from pgdl_lab.mechanics.memory import require
 
         began = time.perf_counter()
         face = finger.face(observation.points)
         model = Model(finger, self.edge_mm, self.element, self.contact, self.contact_mm)
+        if self.estimate_error:
+            require(model.mesh, ELEMENTS[model.element], self.edge_mm, finger.mesh, refined=True)
         pressures = observation.pressures_kpa(finger.max_kpa)
         history = model.load(pressures, self.newton_mm, self.interpolation_mm)
         pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
