@@ -86,7 +86,7 @@ def train(case: Case, snapshots: Snapshots, scene: Scene, floors: dict[str, floa
     epochs = math.ceil(STEPS / math.ceil(len(points) / BATCH))
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        training = Training(
+        training = Training.of(
             Samples.of(snapshots, points), scene, made(case.term, weight),
             TrainerSettings(
                 max_time="600", max_epochs=epochs, accelerator="cpu", validation=0.0, progress=False, log_every_s=1e9

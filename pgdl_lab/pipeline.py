@@ -63,7 +63,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     train = experiment.split.train_points(snapshots, seed)
 
     start = time.perf_counter()
-    training = Training(
+    training = Training.of(
         samples=Samples.of(snapshots, train),
         scene=Scene.of(finger, snapshots),
         losses=experiment.loss,

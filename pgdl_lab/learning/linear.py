@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
 
-    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.surrogate import Record
@@ -46,16 +46,16 @@ class LinearModel(Model):
         """What the surrogate's state holds beside the body, see `NodalSurrogate`; it is compressed later."""
 
     def fit(self, training: Training) -> NodalSurrogate:
-        from threadpoolctl import threadpool_limits
-
         from pgdl_lab.learning.pod import compressed
+        from pgdl_lab.learning.threads import threads
         from pgdl_lab.surrogate import Record
 
         refuse_derivatives(training)
-        regression, body = regression_of(training, self.degree)
-        with threadpool_limits(training.trainer.threads), closing(regression):
-            state = compressed({**body, **self.learn(regression, training)})
-        record = Record(training.samples.ranges(), dict(training.provenance), face=training.scene.face)
+        with threads(training.trainer.threads):
+            regression, body = regression_of(training, self.degree, training.whole)
+            with closing(regression):
+                state = compressed({**body, **self.learn(regression, training)})
+        record = Record(training.whole.ranges(), dict(training.provenance), face=training.scene.face)
         return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> NodalSurrogate:
@@ -80,18 +80,27 @@ def refuse_derivatives(training: Training) -> None:
         )
 
 
-def regression_of(training: Training, degree: int) -> tuple[SeparableRegression, dict[str, Tensor]]:
-    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body."""
+def regression_of(
+    training: Training, degree: int, samples: Samples | None = None
+) -> tuple[SeparableRegression, dict[str, Tensor]]:
+    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body.
+
+    It is fitted to `samples`, by default those of the training that are not set aside.
+
+    Its clock begins here: all fits together take the time budget of the training at most, but for the first two.
+    """
     import numpy as np
     import torch
 
+    from pgdl_lab.learning.clock import Clock
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.learning.triangulation import Triangulation
 
-    scene, samples = training.scene, training.samples
+    scene, samples = training.scene, samples or training.samples
     range_kpa = np.array([0.0, samples.pressures_kpa.max()])
     body = Triangulation(scene.points_mm, scene.triangles)
-    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree), {
+    clock = Clock(training.trainer.max_seconds)
+    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree, clock), {
         "points_mm": torch.from_numpy(scene.points_mm),
         "triangles": torch.from_numpy(scene.triangles),
         "range_kpa": torch.from_numpy(range_kpa),

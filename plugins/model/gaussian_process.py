@@ -47,20 +47,22 @@ class GaussianProcess(Model):
         import warnings
 
         import numpy as np
-        from threadpoolctl import threadpool_limits
 
+        from pgdl_lab.learning.clock import Clock
         from pgdl_lab.learning.gaussian_process import fitted
         from pgdl_lab.learning.linear import refuse_derivatives
+        from pgdl_lab.learning.threads import threads
         from pgdl_lab.learning.triangulation import Triangulation
         from pgdl_lab.surrogate import Record
 
         refuse_derivatives(training)
         scene, rng = training.scene, np.random.default_rng(training.seed)
-        with threadpool_limits(training.trainer.threads), warnings.catch_warnings():
+        clock = Clock(training.trainer.max_seconds)
+        with threads(training.trainer.threads), warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="sklearn")  # of a search that ends at a bound
             body = Triangulation(scene.points_mm, scene.triangles)
-            state = fitted(body, training.samples, self.modes, self.points, rng)
-        return self.restore(state, Record(training.samples.ranges(), dict(training.provenance), face=scene.face))
+            state = fitted(body, training.whole, self.modes, self.points, rng, clock)
+        return self.restore(state, Record(training.whole.ranges(), dict(training.provenance), face=scene.face))
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> ProcessSurrogate:
         from pgdl_lab.learning.process_surrogate import ProcessSurrogate

@@ -74,7 +74,7 @@ def test_levenberg_marquardt_solves_a_linear_problem_at_once(tmp_path: Path) -> 
 def test_optimisers_follow_each_other_and_say_why_they_end(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO):
         history = fit(small(), training(tmp_path, LOSSES, name=["muon", "lbfgs"], max_epochs=8)).record.history
-    assert "Optimizer muon ends after epoch 5: its share of the budget is spent." in caplog.text
+    assert "Optimizer muon ends after epoch 4: its share of the budget is spent." in caplog.text
     assert [entry["epoch"] for entry in history] == list(range(1, 9))
     assert history[-1]["raw/data"] < history[3]["raw/data"]
 
