@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from pgdl_lab.learning import clock
+from pgdl_lab.learning.fit import _prepared
 from pgdl_lab.learning.module import TrainingModule
 from pgdl_lab.learning.plan import Plan
 from pgdl_lab.registry import discover, plugin
@@ -190,3 +191,22 @@ def test_a_training_that_is_killed_within_an_epoch_goes_on_at_that_step(
     assert list(states["resumed"]) == [killed["epoch"], killed["epoch"] + 1]
     for epoch, state in states["resumed"].items():
         assert torch.equal(state, states["whole"][epoch])
+
+
+def test_what_a_checkpoint_holds_comes_back_where_it_is_used(tmp_path: Path) -> None:
+    """A device whose numbers cannot be read stands for a GPU: states are copied to the CPU, the rest is moved to it."""
+    how = training(tmp_path, LOSSES)
+    module = _prepared(model(), how)
+    module._keep_best()
+    module._sums = {"data": torch.ones(())}
+    checkpoint: dict[str, Any] = {}
+    module.on_save_checkpoint(checkpoint)
+    place = checkpoint["place"]
+    assert module.best["start"]["errors"].device.type == "cpu"
+    module.to("meta")
+    assert module.held_inputs.device.type == module.held_targets.device.type == "meta"
+    for copied in (module._weights, module._validation):
+        with pytest.raises(NotImplementedError, match="Cannot copy out of meta tensor"):
+            copied()
+    module._go_on_within_epoch(place)
+    assert module._order.device.type == module._sums["data"].device.type == "meta"
