@@ -26,7 +26,7 @@ class Loss(ABC):
 
     A subclass sets `order`, the highest spatial derivative that it needs (0, 1 or 2): the jet of the field is computed
     once per step, to the highest order that any term needs, and shared by all terms at the training points. It sets
-    `one_pressure`, if its own points have to be visited all at the same pressure.
+    `one_pressure`, if its own points have to be visited all at the same pressure, and `unit`, for figures and tables.
 
     Attributes
     ----------
@@ -37,6 +37,7 @@ class Loss(ABC):
     name: ClassVar[str]  # set by `register`
     order: ClassVar[int] = 0
     one_pressure: ClassVar[bool] = False
+    unit: ClassVar[str] = ""
 
     weight: float = 1.0
 

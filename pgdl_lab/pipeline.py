@@ -10,6 +10,7 @@ from rich.console import Console
 from pgdl_lab import paths
 from pgdl_lab.assessment import yardstick as yardsticks
 from pgdl_lab.assessment.assess import Labels, assess
+from pgdl_lab.assessment.paper import comparable
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.cache import simulate
 from pgdl_lab.epoch_logger import EpochLogger
@@ -95,6 +96,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         seed=seed,
     )
     assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder, training, yardstick)
-    Console().print(closing_table(assessment.metrics, assessment.highlights))
+    paper = comparable(finger, experiment.split)
+    Console().print(closing_table(assessment.metrics, assessment.highlights, paper))
     _log.info("Everything of this run is in %s", folder)
     return assessment.metrics

@@ -103,7 +103,9 @@ def assess(
     bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
     comparison = Comparison(snapshots, predicted, train, bars)
     highlights = split.highlights(snapshots.pressures_kpa)
-    figures = draw(comparison, highlights, surrogate.record.history, folder / "figures")
+    units = {name: loss.unit for name, loss in training.losses.items()}
+    figures = draw(comparison, highlights, surrogate.record.history, units, folder / "figures")
+    terms = residuals(training.losses, training.scene, snapshots, predicted, highlights)
     metrics = {
         **asdict(labels),
         "points": predicted.shape[0] * predicted.shape[1],
@@ -118,7 +120,7 @@ def assess(
         "latency_ms": latency_ms(
             surrogate, snapshots.points, int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
         ),
-        "residuals": residuals(training.losses, training.scene, snapshots, predicted, highlights),
+        "residuals": {name: {**values, "unit": units[name]} for name, values in terms.items()},
         "yardstick": yardstick,
     }
     metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}

@@ -41,6 +41,7 @@ class NavierCauchy(Loss):
     """
 
     order: ClassVar[int] = 2
+    unit: ClassVar[str] = "(N/mm³)²"
 
     weight: float = 1e-4
     form: str = "corrected"

@@ -82,6 +82,15 @@ def test_snapshots_holds_out_whole_pressures_and_keeps_the_ends() -> None:
     assert seen.sum() == 9 and seen[0] and seen[-1]
 
 
+@pytest.mark.parametrize("total", [3, 4, 10, 25, 100])
+def test_snapshots_gives_as_many_as_it_is_asked_for(total: int) -> None:
+    kpa = np.linspace(50 / total, 50, total)
+    for count in range(2, total):
+        seen = make("snapshots", train_snapshots=count).seen(kpa)
+        assert seen.sum() == count and seen[0] and seen[-1]
+    assert np.array_equal(make("snapshots", train_snapshots=3).seen(KPA).nonzero()[0], [0, 49, 99])
+
+
 @pytest.mark.parametrize("count", [1, 100])
 def test_snapshots_refuses_to_hold_out_none_or_interpolate_from_one(count: int) -> None:
     with pytest.raises(InputError, match="train_snapshots"):
