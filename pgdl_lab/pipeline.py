@@ -50,6 +50,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     experiment.split.check(observation.pressures_kpa(finger.max_kpa), observation.points)
     for loss in experiment.loss.values():
         loss.check(finger)
+    left_out = experiment.model.left_out(experiment.loss)
 
     start = time.perf_counter()
     snapshots, path, cached = simulate(finger, experiment.fem, observation, paths.RUNS / "snapshots")
@@ -93,6 +94,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         split=describe(experiment.split)["name"],
         model=describe(experiment.model)["name"],
         losses=list(experiment.loss),
+        left_out=left_out,
         seed=seed,
     )
     assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder, training, yardstick)

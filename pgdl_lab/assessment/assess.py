@@ -33,6 +33,8 @@ class Labels:
         Plugin names.
     losses
         Names of the loss terms.
+    left_out
+        Those that the model could not use, and why.
     seed
         The seed.
     """
@@ -42,6 +44,7 @@ class Labels:
     split: str
     model: str
     losses: list[str]
+    left_out: dict[str, str]
     seed: int
 
 

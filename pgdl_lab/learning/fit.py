@@ -68,6 +68,7 @@ def trained_field(model: TrainedModel, training: Training) -> Field:
 
 def _prepared(model: TrainedModel, training: Training) -> TrainingModule:
     """What is trained, as it begins or as its checkpoint left it."""
+    model.left_out(training.losses)
     path, identity = _path(training), _identity(model, training)
     checkpoint = _checkpoint(path, identity)
     clock = Clock(training.trainer.max_seconds, spent_s=checkpoint["elapsed_s"] if checkpoint else 0.0)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.corrected import CorrectedField
     from pgdl_lab.learning.data import Samples, Training
+    from pgdl_lab.loss import Loss
     from pgdl_lab.surrogate import Record, Surrogate
 
 DRAWS = 48  # random draws that the error bars are found from
@@ -72,6 +73,12 @@ class Hybrid(TrainedModel):
             )
         if self.dtype != "float64":
             raise InputError("model.dtype of hybrid is float64: in float32 the corrections drown in rounding.")
+
+    def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
+        from pgdl_lab.learning.linear import require_data
+
+        require_data("hybrid", losses)  # for its closed form
+        return {}
 
     def begin(self, training: Training) -> tuple[CorrectedField, Samples]:
         from contextlib import closing

@@ -30,7 +30,7 @@ TERM = {"raw/data": 2.0, "weighted/data": 4.0, "share/data": 1.0}
 ENTRY = {"epoch": 1.0, "seconds": 1.0, "lr": 1e-3, "loss": 4.0, **TERM}
 
 
-LABELS = Labels("pneunet", "solid", "random", "mlp", ["data"], 0)
+LABELS = Labels("pneunet", "solid", "random", "mlp", ["data"], {}, 0)
 
 
 class Shifted(Surrogate):
@@ -105,8 +105,9 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics == json.loads(json.dumps(found.metrics))
     assert list(metrics) == [
-        "finger", "fem", "split", "model", "losses", "seed", "points", "train_points", "test_points", "seconds",
-        "mse_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "residuals", "yardstick",
+        "finger", "fem", "split", "model", "losses", "left_out", "seed", "points", "train_points", "test_points",
+        "seconds", "mse_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "residuals",
+        "yardstick",
     ]  # fmt: skip
     assert metrics["points"] == metrics["train_points"] + metrics["test_points"] == 20 * len(data.points)
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
@@ -144,7 +145,7 @@ def test_coverage_is_the_share_of_unseen_errors_within_the_bars() -> None:
 
 def test_table_shows_the_yardstick_and_the_coverage_beside_the_model(tmp_path: Path) -> None:
     data, split = small(), plugin("split", "random")()
-    chosen = training(tmp_path, {"data": {}, "navier_cauchy": {}})
+    chosen = training(tmp_path, {"data": {"weight": 0.0}, "navier_cauchy": {}, "equilibrium": {}})
     yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN)
     assert yardstick["model"] == "finite_element" and yardstick["mse_mm2"]["x"] < 1e-2
     found = assess(Shifted(), data, TRAIN, split, LABELS, {}, tmp_path, training(tmp_path, {"data": {}}), yardstick)

@@ -98,6 +98,11 @@ def test_a_network_that_gains_nothing_leaves_the_closed_form_of_all_points(tmp_p
     assert near < off / 3
 
 
+def test_its_closed_form_needs_data(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"model=hybrid is fitted to the data, and loss=\[boundary\] does not count"):
+        hybrid().fit(training(tmp_path, {"boundary": {}}))
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
