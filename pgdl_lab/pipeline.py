@@ -63,6 +63,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     tracked.log_snapshots(snapshots, path)
 
     train = experiment.split.train_points(snapshots, seed)
+    selection = experiment.split.selection_points(snapshots, train, seed)
 
     start = time.perf_counter()
     training = Training.of(
@@ -76,7 +77,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         provenance=snapshots.provenance,
         logger=EpochLogger(tracked),
         balancing=experiment.balancing,
-        callbacks=trial.callbacks(folder),
+        callbacks=trial.callbacks(folder, Samples.of(snapshots, selection)),
     )
     try:
         surrogate = trained(experiment.model, training)
@@ -86,7 +87,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     surrogate.save(folder / "surrogate.pt")
     seconds["train"] = time.perf_counter() - start
     beside = experiment.yardstick
-    yardstick = yardsticks.measure(beside, training, snapshots, train) if beside else None
+    yardstick = yardsticks.measure(beside, training, snapshots, train, selection) if beside else None
 
     labels = Labels(
         finger=describe(finger)["name"],
@@ -97,7 +98,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         left_out=left_out,
         seed=seed,
     )
-    assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder, training, yardstick)
+    parts = train, selection, experiment.split
+    assessment = assess(surrogate, snapshots, *parts, labels, seconds, folder, training, yardstick)
     paper = comparable(finger, experiment.split)
     Console().print(closing_table(assessment.metrics, assessment.highlights, paper))
     _log.info("Everything of this run is in %s", folder)

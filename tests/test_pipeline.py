@@ -72,7 +72,7 @@ def test_a_run_leaves_what_it_promises(lab: Lab, tmp_path: Path) -> None:
         "seed": 3, "train_points": 500,
     }  # fmt: skip
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
-    assert metrics["points"] == metrics["train_points"] + metrics["test_points"]
+    assert metrics["points"] == sum(metrics[f"{part}_points"] for part in ("train", "selection", "test"))
     surrogate = pgdl_lab.load(folder / "surrogate.pt")
     assert surrogate.predict(np.zeros((4, 2)), [10.0, 20.0]).shape == (2, 4, 2)
     run = tracked(tmp_path, folder)

@@ -71,6 +71,7 @@ def assess(
     surrogate: Surrogate,
     snapshots: Snapshots,
     train: NDArray[np.int64],
+    selection: NDArray[np.int64],
     split: Split,
     labels: Labels,
     seconds: Mapping[str, float],
@@ -86,8 +87,8 @@ def assess(
         A trained model.
     snapshots
         The simulation.
-    train
-        (n,), indices of the training points.
+    train, selection
+        (n,) and (m,), indices of the training points and of those that a search selects by.
     split
         Tells which snapshots tables and base-line figures show.
     labels
@@ -104,7 +105,7 @@ def assess(
     start = time.perf_counter()
     predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
     bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
-    comparison = Comparison(snapshots, predicted, train, bars)
+    comparison = Comparison(snapshots, predicted, train, bars, selection)
     highlights = split.highlights(snapshots.pressures_kpa)
     units = {name: loss.unit for name, loss in training.losses.items()}
     figures = draw(comparison, highlights, surrogate.record.history, units, folder / "figures")
@@ -113,9 +114,11 @@ def assess(
         **asdict(labels),
         "points": predicted.shape[0] * predicted.shape[1],
         "train_points": len(train),
+        "selection_points": len(selection),
         "test_points": int(comparison.unseen.sum()),
         "seconds": {},
         "mse_mm2": comparison.mse_mm2(),
+        "selection_mm2": comparison.selection_mm2(),
         "error_bar": comparison.error_bar(),
         "by_pressure": comparison.by_pressure(),
         "extremes_mm": comparison.extremes_mm(),

@@ -15,7 +15,9 @@ from pgdl_lab.registry import describe, plugin
 from pgdl_lab.snapshots import Snapshots
 
 
-def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArray[np.int64]) -> dict[str, Any]:
+def measure(
+    model: Model, training: Training, snapshots: Snapshots, train: NDArray[np.int64], selection: NDArray[np.int64]
+) -> dict[str, Any]:
     """Errors of `model` on the same training points.
 
     Parameters
@@ -26,8 +28,8 @@ def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArr
         The training of the chosen model; whatever its losses are, only the data count here.
     snapshots
         The simulation.
-    train
-        (n,), indices of the training points.
+    train, selection
+        (n,) and (m,), indices of the training points and of those that a search selects by.
 
     Returns
     -------
@@ -39,7 +41,8 @@ def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArr
     )
     surrogate = model.fit(alone)
     seconds = time.perf_counter() - start
-    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa), train)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
+    comparison = Comparison(snapshots, predicted, train, selection=selection)
     return {
         "model": describe(model)["name"],
         "seconds": seconds,

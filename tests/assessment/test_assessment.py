@@ -27,6 +27,7 @@ from tests.trainings import TRAIN, small, training
 
 discover()
 TERM = {"raw/data": 2.0, "weighted/data": 4.0, "share/data": 1.0}
+NONE = np.empty(0, dtype=np.int64)
 ENTRY = {"epoch": 1.0, "seconds": 1.0, "lr": 1e-3, "loss": 4.0, **TERM}
 
 
@@ -86,6 +87,17 @@ def test_mse_counts_only_unseen_points() -> None:
     assert all(row["max_abs_mm"] == pytest.approx(0.3) for row in comparison.by_pressure())
 
 
+def test_points_that_a_search_selects_by_are_not_tested_on() -> None:
+    data = small()
+    predicted = data.displacements + [0.3, -0.1]
+    selection = np.arange(3, data.displacements.size // 2, 7)
+    predicted.reshape(-1, 2)[selection] += [0.7, 0.0]
+    comparison = Comparison(data, predicted, np.arange(0, data.displacements.size // 2, 7), selection=selection)
+    assert comparison.mse_mm2() == pytest.approx({"x": 0.09, "z": 0.01})
+    assert comparison.selection_mm2() == pytest.approx({"x": 1.0, "z": 0.01})
+    assert Comparison(data, predicted, TRAIN).selection_mm2() is None
+
+
 def test_snapshots_without_training_points_are_unseen() -> None:
     data = small()
     nodes = len(data.points)
@@ -99,17 +111,19 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     data = small()
     labels = replace(LABELS, split=split)
     seconds = {"simulate": 1.0, "simulate_cached": 0.0, "train": 2.0}
-    found = assess(
-        Shifted(), data, TRAIN, plugin("split", split)(), labels, seconds, tmp_path, training(tmp_path, {"data": {}})
-    )
+    selection = np.setdiff1d(np.arange(500), TRAIN)
+    how = training(tmp_path, {"data": {}})
+    found = assess(Shifted(), data, TRAIN, selection, plugin("split", split)(), labels, seconds, tmp_path, how)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics == json.loads(json.dumps(found.metrics))
     assert list(metrics) == [
-        "finger", "fem", "split", "model", "losses", "left_out", "seed", "points", "train_points", "test_points",
-        "seconds", "mse_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "residuals",
-        "yardstick",
+        "finger", "fem", "split", "model", "losses", "left_out", "seed", "points", "train_points",
+        "selection_points", "test_points", "seconds", "mse_mm2", "selection_mm2", "error_bar", "by_pressure",
+        "extremes_mm", "curvature", "latency_ms", "residuals", "yardstick",
     ]  # fmt: skip
-    assert metrics["points"] == metrics["train_points"] + metrics["test_points"] == 20 * len(data.points)
+    parts = [metrics[f"{part}_points"] for part in ("train", "selection", "test")]
+    assert metrics["points"] == sum(parts) == 20 * len(data.points) and parts[1] == len(selection)
+    assert metrics["selection_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
     assert metrics["mse_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
     assert len(metrics["by_pressure"]) == len(metrics["curvature"]) == 20
@@ -146,9 +160,11 @@ def test_coverage_is_the_share_of_unseen_errors_within_the_bars() -> None:
 def test_table_shows_the_yardstick_and_the_coverage_beside_the_model(tmp_path: Path) -> None:
     data, split = small(), plugin("split", "random")()
     chosen = training(tmp_path, {"data": {"weight": 0.0}, "navier_cauchy": {}, "equilibrium": {}})
-    yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN)
+    yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN, NONE)
     assert yardstick["model"] == "finite_element" and yardstick["mse_mm2"]["x"] < 1e-2
-    found = assess(Shifted(), data, TRAIN, split, LABELS, {}, tmp_path, training(tmp_path, {"data": {}}), yardstick)
+    found = assess(
+        Shifted(), data, TRAIN, NONE, split, LABELS, {}, tmp_path, training(tmp_path, {"data": {}}), yardstick
+    )
     barred = {**found.metrics, "error_bar": {"covered_x": 0.9, "covered_z": 1.0, "median_mm": 1.0}}
     barred["by_pressure"] = [{**row, "covered": 0.777} for row in found.metrics["by_pressure"]]
     console = Console(width=80, record=True, file=io.StringIO())
@@ -167,7 +183,7 @@ def test_the_paper_stands_beside_its_own_fingers_alone(tmp_path: Path) -> None:
     assert fewer.fem_mm and not fewer.mse_mm2 and not fewer.surrogate_mm
     assert not comparable(finger(), plugin("split", "extrapolate")(train_fraction=0.5, tested=[0.9])).mse_mm2
 
-    found = assess(Shifted(), data, TRAIN, split(), LABELS, {}, tmp_path, training(tmp_path, {"data": {}}))
+    found = assess(Shifted(), data, TRAIN, NONE, split(), LABELS, {}, tmp_path, training(tmp_path, {"data": {}}))
     for paper, words in ((Published(), 0), (fewer, 1), (published("pneunet", "random"), 4)):
         console = Console(width=140, record=True, file=io.StringIO())
         console.print(closing_table(found.metrics, found.highlights, paper))
@@ -184,7 +200,7 @@ def test_history_and_table_name_the_unit_of_each_loss(tmp_path: Path) -> None:
     assert len(labels) == len(losses) and all("[" in label for label in labels)
 
     how = training(tmp_path, {"data": {}, "boundary": {}})
-    found = assess(Shifted(), small(), TRAIN, plugin("split", "random")(), LABELS, {}, tmp_path, how)
+    found = assess(Shifted(), small(), TRAIN, NONE, plugin("split", "random")(), LABELS, {}, tmp_path, how)
     console = Console(width=140, record=True, file=io.StringIO())
     console.print(closing_table(found.metrics, found.highlights, Published()))
     assert "boundary [mm²]" in console.export_text()
