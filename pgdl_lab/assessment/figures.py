@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,11 @@ SLENDER = 1.6  # times as wide as high: panels stand below each other, else side
 
 
 def draw(
-    comparison: Comparison, highlights: NDArray[np.int64], history: list[dict[str, float]], folder: Path
+    comparison: Comparison,
+    highlights: NDArray[np.int64],
+    history: list[dict[str, float]],
+    units: Mapping[str, str],
+    folder: Path,
 ) -> list[Path]:
     """Write all figures to `folder`.
 
@@ -43,6 +47,8 @@ def draw(
         Indices of the snapshots whose base lines are shown.
     history
         Entries of the loss history, see `Record`; an empty one gives no such figure.
+    units
+        Units of the loss terms by their names.
     folder
         Where the PNG files go.
     """
@@ -52,7 +58,7 @@ def draw(
         **{f"field_{axis}": _field_figure(comparison, i) for i, (axis, _) in enumerate(COMPONENTS)},
         "base_lines": _base_lines(comparison, highlights),
         "mse_over_pressure": _mse_over_pressure(comparison),
-        **({"loss_history": _loss_history(history)} if history else {}),
+        **({"loss_history": _loss_history(history, units)} if history else {}),
     }
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
@@ -169,7 +175,7 @@ def _mark_training(axis: Axes, kpa: NDArray[np.float64], seen: NDArray[np.bool_]
         axis.axvspan(*span, ymax=0.03, color=TRAINED, lw=0, zorder=0, label=label)
 
 
-def _loss_history(history: list[dict[str, float]]) -> Callable[[], Figure]:
+def _loss_history(history: list[dict[str, float]], units: Mapping[str, str]) -> Callable[[], Figure]:
     """Raw and weighted terms of the loss and their shares of the gradient."""
 
     def build() -> Figure:
@@ -179,7 +185,11 @@ def _loss_history(history: list[dict[str, float]]) -> Callable[[], Figure]:
         panels = (("raw", "value of the term"), ("weighted", "weight × value"), ("share", "share of the gradient norm"))
         for axis, (key, label) in zip(axes, panels, strict=True):
             for name in names:
-                axis.plot(seconds, [entry[f"{key}/{name}"] for entry in history], label=name)
+                axis.plot(
+                    seconds,
+                    [entry[f"{key}/{name}"] for entry in history],
+                    label=f"{name} [{units[name]}]" if units.get(name) else name,
+                )
             axis.set(xlabel="training time [s]", ylabel=label)
             axis.grid(alpha=0.3)
             if key == "share":
@@ -187,8 +197,7 @@ def _loss_history(history: list[dict[str, float]]) -> Callable[[], Figure]:
             elif any(entry[f"{key}/{name}"] > 0 for entry in history for name in names):
                 axis.set_yscale("log")
         axes[0].legend()
-        units = "data and boundary in mm², residuals in (N/mm³)²"
-        figure.suptitle(f"Loss history ({units})")
+        figure.suptitle("Loss history")
         return figure
 
     return build
