@@ -34,7 +34,7 @@ class Solid(Fem):
     Attributes
     ----------
     edge_mm
-        Longest element edge [mm].
+        Longest element edge [mm]; up to 7 % more is let pass. Half of it halves each element.
     element
         On hexahedra `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or
         `hex20` (displacement only); on tetrahedra `tet10_p0` (10 nodes, mean dilatation), `tet15_p1`
