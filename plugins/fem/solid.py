@@ -39,6 +39,7 @@ class Solid(Fem):
         On hexahedra `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or
         `hex20` (displacement only); on tetrahedra `tet10_p0` (10 nodes, mean dilatation), `tet15_p1`
         (discontinuous linear pressure) or `tet10` (displacement only). `auto`: hex27_p1 or tet10_p0, whichever fits.
+        With mean dilatation displacements are of second order and strains of first, one less than with linear pressure.
     contact
         Frictionless contact of the outer surfaces: `auto` (from the step in which they first touch), `on` or `off`.
     contact_mm
@@ -48,7 +49,8 @@ class Solid(Fem):
     interpolation_mm
         Largest error of snapshots that are interpolated between equilibria [mm].
     estimate_error
-        Whether to estimate the discretisation error at the highest pressure; takes about as long as the simulation.
+        Whether to estimate the discretisation error at the highest pressure, by what half the edges would change; takes
+        about as long as the simulation.
     """
 
     edge_mm: float = 3.0
