@@ -95,7 +95,7 @@ class Finger(ABC):
 
     @abstractmethod
     def mesh(self, edge_mm: float) -> "Mesh":
-        """Mesh of the half finger y ≥ 0, or of the whole one unless `planar` [mm]; edges at most `edge_mm` [mm].
+        """Mesh of the half finger y ≥ 0, or of the whole one unless `planar` [mm]; edges of some `edge_mm` [mm].
 
         Its named boundaries are `clamp` (held fixed), `symmetry` (y = 0) and `cavity` (under pressure); one without
         `symmetry` is that of the whole finger.

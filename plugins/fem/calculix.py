@@ -32,7 +32,7 @@ class Calculix(Fem):
     Attributes
     ----------
     edge_mm
-        Longest element edge [mm].
+        Longest element edge [mm]; up to 7 % more is let pass. Half of it halves each element.
     tolerance
         Largest last correction of an increment as a fraction of the increment [–]. CalculiX's own default leaves
         errors of some 0.1 % on `finger=pneunet_reference`; 1e-5 leaves a tenth of that, but takes many times as long

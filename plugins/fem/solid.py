@@ -35,11 +35,12 @@ class Solid(Fem):
     Attributes
     ----------
     edge_mm
-        Longest element edge [mm].
+        Longest element edge [mm]; up to 7 % more is let pass. Half of it halves each element.
     element
         On hexahedra `hex27_p1` (27 nodes, discontinuous linear pressure), `hex27_p0` (mean dilatation), `hex27` or
         `hex20` (displacement only); on tetrahedra `tet10_p0` (10 nodes, mean dilatation), `tet15_p1`
         (discontinuous linear pressure) or `tet10` (displacement only). `auto`: hex27_p1 or tet10_p0, whichever fits.
+        With mean dilatation displacements are of second order and strains of first, one less than with linear pressure.
     contact
         Frictionless contact of the outer surfaces, of the walls in a chamber, and of half a finger with its mirror
         image: `auto` (from the step in which they first touch), `on` or `off`.
@@ -50,8 +51,8 @@ class Solid(Fem):
     interpolation_mm
         Largest error of snapshots that are interpolated between equilibria [mm].
     estimate_error
-        Whether to estimate the discretisation error at the highest pressure; takes about as long as the simulation, and
-        some seven times its memory.
+        Whether to estimate the discretisation error at the highest pressure, by what half the edges would change; takes
+        about as long as the simulation, and some seven times its memory.
     """
 
     edge_mm: float = 3.0

@@ -92,6 +92,17 @@ def test_interpolated_snapshots_against_equilibria(model: Model) -> None:
         assert np.abs(history.at(kpa) - exact).max() <= 1e-5
 
 
+def test_bound_of_snapshots_holds_where_surfaces_meet() -> None:
+    """Each place that comes in touch is a kink in the path."""
+    model = Model(pneunet(wall_mm=1.5, side_wall_mm=1.5, gap_mm=0.4, max_kpa=14.0), 6.0, "hex20", "auto")
+    pressures = np.linspace(0.14, 14.0, 100)
+    history = model.load(pressures, 1e-6, 1e-5)
+    assert model.equilibrium.contact.active and history.interpolation_mm <= 1e-5
+    for kpa in pressures[pressures > 9]:
+        exact = solve(model.equilibrium, model.solver, history.at(kpa), Load(1.0, 1e-3 * kpa), 1e-8).displacement
+        assert np.abs(history.at(kpa) - exact).max() <= 1e-5
+
+
 def test_support_bears_weight_and_pressure(model: Model) -> None:
     history = model.load(np.array([20.0]), 1e-8, 1e-3)
     reaction, outer = model.reaction_and_load_n(history.branch.displacements[-1], 20.0)
