@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 COVERED = 0.95  # share of the errors that a bar covers
 NORMAL = 1.96  # standard deviations that cover this share of a normal distribution, where nothing can be held out
@@ -62,5 +61,7 @@ def covering(ratios: Floats) -> float:
     count = len(ratios)
     if count >= FEWEST:
         return float(np.quantile(ratios, COVERED * (1 + 1 / count)))
+    from scipy.special import stdtrit  # imported here: surrogates are used where NumPy alone is installed
+
     size = float(np.sqrt((ratios**2).mean()))
     return max(float(ratios.max()), size * float(stdtrit(count, (1 + COVERED) / 2)))
