@@ -107,7 +107,7 @@ def _trained(
     seen = np.zeros(snapshots.displacements.shape[:2], dtype=bool)
     seen.ravel()[train] = True
     with tempfile.TemporaryDirectory() as folder:
-        training = Training(
+        training = Training.of(
             Samples.of(snapshots, train), Scene.of(trial.finger, snapshots), trial.loss,
             replace(trial.trainer, progress=False), trial.optimizer, seed, Path(folder), {},
         )  # fmt: skip
@@ -116,7 +116,7 @@ def _trained(
         hybrid: Any = plugin("model", "hybrid")()
         field, _ = hybrid.begin(training)  # its network adds nothing yet
         record = Record(training.samples.ranges(), {}, face=training.scene.face)
-        return hybrid.finished(field, record, training, np.zeros(points, dtype=bool)), seen
+        return hybrid.finished(field, record, training), seen
 
 
 if __name__ == "__main__":

@@ -343,9 +343,10 @@ class Surrogate(ABC):
         low, high = self._limits[1]
         rounding = ROUNDING * abs(high)
         if ((pressures_kpa < low - rounding) | (pressures_kpa > high + rounding)).any():
+            farthest = _farthest(pressures_kpa, low, high)
             raise TooFar(
-                f"{_farthest(pressures_kpa, low, high):g} kPa lies too far outside the trained {self._trained()} kPa for an answer to be worth "
-                f"anything: ask for {low:g} to {high:g} kPa, train on pressures up to there, or pass beyond=True for "
+                f"{farthest:g} kPa lies too far outside the trained {self._trained()} kPa for an answer to be worth "
+                f"anything: give pressures in kPa from {low:g} to {high:g}, train on higher ones, or pass beyond=True for "
                 "whatever comes out."
             )
 

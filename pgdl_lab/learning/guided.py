@@ -89,7 +89,7 @@ class GuidedField(Field):
         design = self._design(samples)
         present = torch.cat([self.last.weight, self.last.bias[:, None]], dim=1).numpy().reshape(-1, 1)
         unguided_mm = self._unguided_mm(samples)[kept].reshape(-1, 1)
-        _, weights = ridge_regression(design[kept].reshape(len(unguided_mm), -1), unguided_mm)
+        _, weights, _ = ridge_regression(design[kept].reshape(len(unguided_mm), -1), unguided_mm)
         return (design @ (present - weights))[..., 0]
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import replace
@@ -11,33 +12,37 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.learning.calibration import NORMAL, Floats, Held, bar_deviations
+from pgdl_lab.learning.calibration import NORMAL, Floats, Held, bar_deviations, fits
 from pgdl_lab.learning.linear import regression_of
-from pgdl_lab.learning.separable import Prior, SeparableRegression, chebyshev, evaluated
+from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev, evaluated
 from pgdl_lab.surrogate import BEYOND
 
 if TYPE_CHECKING:
     from pgdl_lab.learning.data import Training
     from pgdl_lab.learning.guided import GuidedField
 
+_log = logging.getLogger(__name__)
+
 LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
 DRAWS = 48  # random draws that error bars are found from
 LEFT_OUT = 0.1  # a tenth of the error adds half a per cent to it
 
 
-def closed_form(training: Training, degree: int, rounds: int, under: GuidedField | None = None) -> dict[str, Tensor]:
-    """The state of a `NodalSurrogate` that is fitted to the training points; with `under`, to what that leaves of them.
+def closed_form(
+    training: Training, degree: int, rounds: int, under: GuidedField | None = None, spent_s: float = 0.0
+) -> dict[str, Tensor]:
+    """The state of a `NodalSurrogate` that is fitted to all training points, not `compressed` yet.
 
-    It is not `compressed` yet.
+    With `under` it is fitted to what that leaves of them, in the time that is left after `spent_s`.
     """
     rng = np.random.default_rng(training.seed)
-    samples, refitted, rough = training.samples, None, None
+    samples, refitted, rough = training.whole, None, None
     if under is not None:
         rough, below = under.guide.numpy(), under.nodal()
         left_mm = samples.displacements_mm - evaluated(below, under.body, samples, float(under.range_kpa[1]))
-        training = replace(training, samples=replace(samples, displacements_mm=left_mm))
-        refitted = lambda held: left_mm + under.shifts_mm(samples, ~held)  # noqa: E731
-    regression, body = regression_of(training, degree, rough)
+        refitted = lambda held: left_mm + under.shifts_mm(training.whole, ~held)  # noqa: E731
+        samples = replace(samples, displacements_mm=left_mm)
+    regression, body = regression_of(training, degree, samples, rough, spent_s)
     with closing(regression):
         state = {**body, **decompose(regression, learnt_prior(regression, rounds, rng), DRAWS, rng, refitted)}
     if under is not None:  # both in Chebyshev polynomials themselves
@@ -47,9 +52,11 @@ def closed_form(training: Training, degree: int, rounds: int, under: GuidedField
 
 
 def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:
-    """The prior that is learnt from the data in `rounds` rounds."""
-    prior = regression.first_prior()
+    """The prior that is learnt from the data in `rounds` rounds, or fewer if there is no time for more."""
+    prior, afterwards = regression.first_prior(), 1 + fits(len(regression.polynomials))
     for _ in range(rounds):
+        if not regression.allows(1 + afterwards):
+            break
         prior = regression.learnt(regression.posterior(prior, LEARNING_DRAWS, rng))
     return prior
 
@@ -62,6 +69,8 @@ def decompose(
     refitted: Callable[[Held], Floats] | None = None,
 ) -> Mapping[str, Tensor]:
     """What the state of a `NodalSurrogate` holds beside the body, with a mode for each polynomial.
+
+    If there is no time to calibrate error bars, there are none.
 
     Parameters
     ----------
@@ -77,7 +86,9 @@ def decompose(
         Where the data are what another fit leaves of the displacement: what that would leave (n, 2) [mm] if it had not
         seen the samples held out (n,). Error bars hold what it errs by too.
     """
-    posterior = regression.posterior(prior, draws, rng)
+    calibrations = fits(len(regression.polynomials))
+    few = len(prior.covariance)  # as many as polynomials
+    posterior = regression.posterior(prior, draws if regression.allows(1 + calibrations) else few, rng)
 
     def ratios(held: Held, judged: Held) -> Floats:
         targets_mm = refitted(held) if refitted else regression.samples.displacements_mm
@@ -87,17 +98,24 @@ def decompose(
         expected_mm = np.sqrt((deviation[judged] ** 2).mean(axis=1) + prior.noise_mm**2)
         return np.abs(mean - targets_mm)[judged] / expected_mm[:, None]
 
+    if not regression.allows(calibrations):
+        _log.warning("trainer.max_time left no time to calibrate error bars, so there are none: give it more.")
+        return known(posterior)
     bar_kpa, deviations = bar_deviations(regression.samples.pressures_kpa, ratios, rng)
+    return {**known(posterior), "bar_kpa": torch.from_numpy(bar_kpa), "bar_deviations": torch.from_numpy(deviations)}
+
+
+def known(posterior: Posterior) -> dict[str, Tensor]:
+    """What the state of a `NodalSurrogate` holds of a field: the mean, and square roots of the covariance."""
+    prior = posterior.prior
     # with draws = Q R, the covariance is Rᵀ R
     draws_mm = np.einsum("dk,nks->nsd", prior.amplitudes, posterior.draws)
-    _, spread = np.linalg.qr(draws_mm / np.sqrt(draws))
+    _, spread = np.linalg.qr(draws_mm / np.sqrt(draws_mm.shape[1]))
     return {
         "modes": torch.from_numpy(posterior.modes.copy()),
         "amplitudes": torch.from_numpy(prior.amplitudes.copy()),
         "spread": torch.from_numpy(spread.transpose(0, 2, 1).astype(np.float32)),
         "noise_mm": torch.tensor(prior.noise_mm),
-        "bar_kpa": torch.from_numpy(bar_kpa),
-        "bar_deviations": torch.from_numpy(deviations),
     }
 
 
@@ -121,7 +139,8 @@ def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     _, root = np.linalg.qr(polynomials)
     left, sizes, right = np.linalg.svd(root @ coefficients, full_matrices=False)
     rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(pressures_kpa) / coefficients.shape[1])  # from each on
-    scale = min(1.0, float(state["bar_deviations"].min()) / NORMAL)  # what bars make of the standard deviations
+    # what bars make of the standard deviations
+    scale = min(1.0, float(state["bar_deviations"].min()) / NORMAL) if "bar_deviations" in state else 1.0
     most_mm = scale * min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
     count = max(1, int((rest_mm > most_mm).sum()))
     size = np.sqrt(coefficients.shape[1])  # modes of unit root mean square: the amplitudes carry the unit

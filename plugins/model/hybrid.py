@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.guided import GuidedField
+    from pgdl_lab.loss import Loss
     from pgdl_lab.surrogate import Record, Surrogate
 
 _log = logging.getLogger(__name__)
@@ -31,9 +32,9 @@ class Hybrid(TrainedModel):
 
     The guide is a model of the finger's mechanics that costs a second. It knows weight, air and shape also where there
     are no data: between few points and beyond the trained pressures. The network moves and turns the sections of the
-    finger further, see `GuidedField`; it is trained on some points, and kept if it surely gains on others that are
-    them. Whether the guide helps at all is found out before, on strips of the body. Where it does not, or where there
-    is none, the model is `pod` alone and says so. The result is stored at the nodes, as that of `pod`, and as fast.
+    finger further, see `GuidedField`; it is kept if it surely gains on the points that are set aside from it. Whether
+    the guide helps at all is found out before, on strips of the body. Where it does not, or where there is none, the
+    model is `pod` alone and says so. The result is stored at the nodes, as that of `pod`, and as fast.
 
     Attributes
     ----------
@@ -74,40 +75,51 @@ class Hybrid(TrainedModel):
         if self.dtype != "float64":
             raise InputError("model.dtype of hybrid is float64: in float32 the corrections drown in rounding.")
 
+    def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
+        from pgdl_lab.learning.linear import require_data
+
+        require_data("hybrid", losses)  # for its closed form
+        return {}
+
     def fit(self, training: Training) -> Surrogate:
+        from pgdl_lab.learning.clock import Clock
+        from pgdl_lab.learning.linear import BOUNDARY, DATA
         from pgdl_lab.surrogate import Record
 
+        self.left_out(training.losses)
+        clock = Clock(training.trainer.max_seconds)
         reason = self._alone(training)
         if not reason:
             return super().fit(training)
-        idle = [name for name, loss in training.losses.items() if name != "data" and loss.weight > 0]
+        known = (DATA, BOUNDARY)  # fitted, and held exactly
+        idle = [name for name, loss in training.losses.items() if name not in known and loss.weight > 0]
         also = f" Loss {', '.join(idle)} trains nothing then: leave it out or choose model=body." if idle else ""
         _log.log(logging.WARNING if idle else logging.INFO, "Model hybrid: pod alone answers, as %s.%s", reason, also)
-        record = Record(training.samples.ranges(), dict(training.provenance), face=training.scene.face)
-        return replace(self, guide="none")._with_closed_form(None, training, record)
+        record = Record({}, dict(training.provenance), face=training.scene.face)
+        return replace(self, guide="none")._with_closed_form(None, training, record, clock.seconds)
 
     def _alone(self, training: Training) -> str:
         """Why the closed form answers alone; empty if it does not."""
         import numpy as np
-        from threadpoolctl import threadpool_limits
 
         from pgdl_lab.learning.guide import gains
+        from pgdl_lab.learning.threads import threads
 
         if self.guide == "none":
             return "model.guide is none"
-        with threadpool_limits(training.trainer.threads):
+        with threads(training.trainer.threads):
             try:
                 nodal = self._guide(training)
             except LabError as problem:
                 return f"fem={self.guide} cannot guide it ({str(problem).rstrip('.')})"
             rng = np.random.default_rng(training.seed)
-            gain = gains(training.scene, training.samples, nodal, self.degree, rng)
+            gain = gains(training.scene, training.whole, nodal, self.degree, rng)
         return "" if gain else f"fem={self.guide} as a guide would not lower its error"
 
     def _guide(self, training: Training) -> NDArray[np.float64]:
         from pgdl_lab.learning.guide import guide
 
-        return guide(training.scene, self.guide, float(training.samples.pressures_kpa.max()), self.degree)
+        return guide(training.scene, self.guide, float(training.whole.pressures_kpa.max()), self.degree)
 
     def begin(self, training: Training) -> tuple[GuidedField, Samples]:
         import numpy as np
@@ -121,24 +133,30 @@ class Hybrid(TrainedModel):
             torch.from_numpy(scene.points_mm),
             torch.from_numpy(scene.triangles),
             torch.from_numpy(self._guide(training)),
-            torch.tensor([0.0, samples.pressures_kpa.max()], dtype=torch.double),
+            torch.tensor([0.0, training.whole.pressures_kpa.max()], dtype=torch.double),
             fully_connected(1, MOTIONS * (self.correction_degree + 1), self.depth, self.width, self.activation),
         )
         few = np.random.default_rng(training.seed).permutation(len(samples.pressures_kpa))[:ENOUGH]
         field.scale_to(samples)
         return field, samples.at(np.sort(few))
 
-    def finished(self, field: GuidedField, record: Record, training: Training, held: NDArray[np.bool_]) -> Surrogate:
-        return self._with_closed_form(field.cpu(), training, record)
+    def finished(self, field: GuidedField, record: Record, training: Training) -> Surrogate:
+        spent_s = record.history[-1]["seconds"] if record.history else 0.0
+        return self._with_closed_form(field.cpu(), training, record, spent_s)
 
-    def _with_closed_form(self, field: GuidedField | None, training: Training, record: Record) -> Surrogate:
-        """The surrogate of `field` and of the closed form for what it leaves, or of the closed form alone."""
-        from threadpoolctl import threadpool_limits
+    def _with_closed_form(
+        self, field: GuidedField | None, training: Training, record: Record, spent_s: float
+    ) -> Surrogate:
+        """The surrogate of `field` and of the closed form for what it leaves, or of the closed form alone.
 
+        The closed form has the time that is left after `spent_s` [s].
+        """
         from pgdl_lab.learning.pod import closed_form, compressed
+        from pgdl_lab.learning.threads import threads
 
-        with threadpool_limits(training.trainer.threads):
-            state = compressed(closed_form(training, self.degree, self.rounds, under=field))
+        record = replace(record, ranges=training.whole.ranges())
+        with threads(training.trainer.threads):
+            state = compressed(closed_form(training, self.degree, self.rounds, field, spent_s))
         return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:

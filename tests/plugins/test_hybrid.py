@@ -41,7 +41,7 @@ def some(data: Snapshots, count: int, below: float = 1.0, seed: int = 0) -> Samp
 def how(scene: Scene, samples: Samples, folder: Path, **losses: Any) -> Training:
     terms = {name: plugin("loss", name)(**fields) for name, fields in {"data": {}, **losses}.items()}
     budget = TrainerSettings(progress=False, accelerator="cpu", max_epochs=150)
-    return Training(samples, scene, terms, budget, OptimizerSettings(), 0, folder, {})
+    return Training.of(samples, scene, terms, budget, OptimizerSettings(), 0, folder, {})
 
 
 def hybrid(**fields: Any) -> Any:
@@ -236,6 +236,11 @@ def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(dat
     assert np.abs(field.shifts_mm(own, np.arange(500) % 2 == 0)).max() < 1e-3
     off = replace(own, displacements_mm=moved + np.array([0.1, 0.0]) * (samples.points_mm[:, :1] / 24))
     assert np.abs(field.shifts_mm(off, np.arange(500) % 2 == 0) + (off.displacements_mm - moved)).max() < 1e-2
+
+
+def test_its_closed_form_needs_data(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"model=hybrid is fitted to the data, and loss=\[boundary\] does not count"):
+        hybrid().fit(training(tmp_path, {"boundary": {}}))
 
 
 @pytest.mark.parametrize(
