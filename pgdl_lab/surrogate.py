@@ -346,8 +346,8 @@ class Surrogate(ABC):
             farthest = _farthest(pressures_kpa, low, high)
             raise TooFar(
                 f"{farthest:g} kPa lies too far outside the trained {self._trained()} kPa for an answer to be worth "
-                f"anything: give pressures in kPa from {low:g} to {high:g}, train on higher ones, or pass beyond=True for "
-                "whatever comes out."
+                f"anything: give pressures in kPa from {low:g} to {high:g}, train on higher ones, or pass beyond=True "
+                "for whatever comes out."
             )
 
     def _trained(self) -> str:
