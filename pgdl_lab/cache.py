@@ -1,13 +1,17 @@
 """Each simulation is computed once: snapshots are kept under a hash of everything that determines them."""
 
 import hashlib
-import inspect
 import json
 import logging
 import os
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
-from pgdl_lab import mechanics
+from numpy.typing import NDArray
+
+from pgdl_lab import sources
 from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
@@ -20,20 +24,41 @@ _log = logging.getLogger(__name__)
 def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observation) -> Path:
     """Where the snapshots of this simulation lie in `folder`, computed or not.
 
-    The name holds a hash of the configuration, of the files that it names and of the code that turns it into numbers,
-    so that neither a changed field or file nor an edited plugin meets old results.
+    The name holds a hash of the configuration, of what was read from the files that it names, of all code that turns
+    it into numbers and of the versions of the libraries and programs that this code uses.
+
+    Raises
+    ------
+    InputError
+        When a file of the finger is missing or cannot be read.
     """
-    folders = [Path(entry) for entry in mechanics.__path__]
-    code = sorted(path for entry in folders for path in entry.glob("*.py"))
-    code += [Path(inspect.getfile(type(part))) for part in (finger, finger.material, fem)]
-    digest = hashlib.sha256()
-    what = [VERSION, describe(finger), describe(fem), [observation.snapshots, observation.points]]
-    digest.update(json.dumps(what, sort_keys=True).encode())
-    for path in code:
-        digest.update(path.read_bytes())
-    for path in finger.files():
-        digest.update(path.read_bytes())
-    return folder / f"{describe(finger)['name']}-{describe(fem)['name']}-{digest.hexdigest()[:16]}.h5"
+    key = {
+        "version": VERSION,
+        "finger": describe(finger),
+        "fem": describe(fem),
+        "observation": vars(observation).copy(),
+        "programs": dict(fem.programs()),
+        "code": sources.digest({*_classes(finger), *_classes(fem)}),
+        "content": [_hashed(content) for content in finger.content()],
+    }
+    name = f"{describe(finger)['name']}-{describe(fem)['name']}"
+    return folder / f"{name}-{hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:16]}.h5"
+
+
+def _hashed(content: bytes | NDArray[Any]) -> str:
+    if isinstance(content, bytes):
+        return hashlib.sha256(content).hexdigest()
+    return f"{content.dtype} {content.shape} {hashlib.sha256(content.tobytes()).hexdigest()}"
+
+
+def _classes(value: Any) -> Iterator[type]:
+    """Class of a plugin and of the plugins in its fields."""
+    if is_dataclass(value):
+        yield type(value)
+        value = [getattr(value, field.name) for field in fields(value)]
+    if isinstance(value, list | tuple | dict):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _classes(each)
 
 
 def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Snapshots, Path, bool]:

@@ -1,6 +1,5 @@
 """The methods of a chart: every registered finite-element model and surrogate, and the data themselves as a table."""
 
-import inspect
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab import learning
+from pgdl_lab import sources
 from pgdl_lab.cache import simulate, snapshot_path
 from pgdl_lab.chart.bench import Bench, without_estimate
 from pgdl_lab.chart.point import Point
@@ -74,7 +73,7 @@ def _solved(bench: Bench, fem: Fem, label: str) -> tuple[Point, bool]:
         errors = bench.reference.errors(snapshots.displacements)
         return Point(label, FINITE_ELEMENTS, query_ms=query_ms, tip_ms=query_ms, total=errors, discretisation=errors)
 
-    return bench.measured(label, FINITE_ELEMENTS, snapshot_path(Path(), finger, fem, judged).name, (), measure)
+    return bench.measured(label, FINITE_ELEMENTS, snapshot_path(Path(), finger, fem, judged).name, measure)
 
 
 def _references(bench: Bench) -> Iterator[tuple[Point, bool]]:
@@ -103,7 +102,7 @@ def _table(bench: Bench) -> tuple[Point, bool]:
         seen = np.broadcast_to(given[:, None], data.displacements.shape[:2])
         return bench.judge("table of snapshots", TABLE, 0.0, predict, seen)
 
-    return bench.measured("table of snapshots", TABLE, [bench.data_name, describe(bench.experiment.split)], (), measure)
+    return bench.measured("table of snapshots", TABLE, [bench.data_name, describe(bench.experiment.split)], measure)
 
 
 def _learners(bench: Bench) -> Iterator[tuple[str, Experiment]]:
@@ -127,9 +126,8 @@ def _surrogate(bench: Bench, label: str, how: Experiment) -> tuple[Point, bool]:
     key = [
         bench.data_name, describe(how.model), [describe(loss) for loss in how.loss.values()], trainer,
         vars(how.optimizer), vars(how.balancing), describe(own.split), own.seed,
+        sources.digest(type(part) for part in (how.model, own.split, *how.loss.values())),
     ]  # fmt: skip
-    code = [path for folder in learning.__path__ for path in Path(folder).glob("*.py")]
-    code += [Path(inspect.getfile(type(part))) for part in (how.model, own.split, *how.loss.values())]
 
     def measure() -> Point:
         surrogate, seconds = bench.trained(how)
@@ -137,4 +135,4 @@ def _surrogate(bench: Bench, label: str, how: Experiment) -> tuple[Point, bool]:
         seen.flat[bench.train] = True
         return bench.judge(label, SURROGATE, seconds, surrogate.predict, seen)
 
-    return bench.measured(label, SURROGATE, key, code, measure)
+    return bench.measured(label, SURROGATE, key, measure)
