@@ -15,6 +15,7 @@ from pgdl_lab import sources
 from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
+from pgdl_lab.heard import WARNINGS, heard
 from pgdl_lab.registry import describe
 from pgdl_lab.snapshots import VERSION, DamagedSnapshots, Observation, Snapshots
 
@@ -64,7 +65,8 @@ def _classes(value: Any) -> Iterator[type]:
 def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Snapshots, Path, bool]:
     """Snapshots of a simulation, from `folder` if they are there, else computed and kept there.
 
-    Runs that ask for the same simulation at the same time wait for the first of them.
+    Runs that ask for the same simulation at the same time wait for the first of them. What the simulation warned of
+    is told each time, and kept with the snapshots.
 
     Returns
     -------
@@ -95,18 +97,25 @@ def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -
     with lock:
         if path.exists():
             try:
-                return Snapshots.load(path), path, True
+                snapshots = Snapshots.load(path)
             except DamagedSnapshots as error:
                 aside = path.with_suffix(".damaged")
                 os.replace(path, aside)
                 _log.warning("%s It is set aside as %s, and the simulation is run again.", error, aside.name)
+            else:
+                for sentence in snapshots.warnings:
+                    _log.warning("%s", sentence)
+                return snapshots, path, True
         try:
-            snapshots = fem.simulate(finger, observation)
+            with heard() as sentences:
+                snapshots = fem.simulate(finger, observation)
         except SimulationStopped as stop:
             if not len(stop.snapshots.pressures_kpa):
                 raise
+            stop.snapshots.provenance[WARNINGS] = sentences
             partial = path.with_name(f"{path.stem}-stopped.h5")
             stop.snapshots.save(partial)
             raise SimulationStopped(f"{stop} What converged is kept in {partial}.", stop.snapshots) from None
+        snapshots.provenance[WARNINGS] = sentences
         snapshots.save(path)
     return snapshots, path, False

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.files import replacing
+from pgdl_lab.heard import WARNINGS
 
 FORMAT = "pgdl_lab snapshots"
 VERSION = 1
@@ -92,7 +93,7 @@ class Snapshots:
         The whole body at the equilibria that were solved for; None where the model has no body.
     provenance
         Finger, mesh, material, solver, versions: everything needed to say where the numbers come from (JSON types
-        only).
+        only); "warnings" are sentences on what may be wrong with them.
     """
 
     points: NDArray[np.float64]
@@ -103,6 +104,11 @@ class Snapshots:
     displacements: NDArray[np.float64]
     body: Body | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the simulation warned of, in sentences."""
+        return list(self.provenance.get(WARNINGS, ()))
 
     def save(self, path: Path) -> None:
         """Write an HDF5 file; `path` appears only when the file is whole."""

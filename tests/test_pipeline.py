@@ -17,8 +17,9 @@ import pgdl_lab
 from pgdl_lab.tracking import RUN_ID
 from tests.conftest import Lab, environment
 
+WARNING = "The made-up finger is a comb."
 FEM = '''
-import time
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from pgdl_lab.fem import Fem
@@ -32,10 +33,11 @@ class MadeUp(Fem):
     """Snapshots out of a formula; each simulation leaves a line in a file."""
 
     def simulate(self, finger, observation):
+        logging.getLogger(__name__).warning("WARNING")
         with (ROOT / "simulations").open("a") as file:
             file.write("one\\n")
         return snapshots(cell_mm=2.5, count=observation.snapshots)
-'''
+'''.replace("WARNING", WARNING)
 
 SMALL = [
     "fem=made_up", "model=mlp", "model.width=16", "model.depth=2", "observation.snapshots=20", "split.points=500",
@@ -93,6 +95,11 @@ def test_a_multirun_simulates_once_and_nests_its_runs(lab: Lab, tmp_path: Path) 
     assert [run.info.status for run in [parent, *jobs]] == ["FINISHED"] * 5
     assert {job.data.tags["mlflow.parentRunId"] for job in jobs} == {parent.info.run_id}
     assert len({(job.data.tags["split"], job.data.tags["loss"]) for job in jobs}) == 4
+    assert done.stdout.count(WARNING) == 4  # by the run that simulated and by those that found it
+    for job in "0123":
+        metrics = json.loads((sweep / job / "metrics.json").read_text())
+        assert WARNING in metrics["warnings"] and metrics["discretisation_error"] is None
+        assert WARNING in pgdl_lab.load(sweep / job / "surrogate.pt").warnings
 
 
 def test_a_split_that_cannot_be_made_is_refused_before_the_simulation(lab: Lab, tmp_path: Path) -> None:

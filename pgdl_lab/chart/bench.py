@@ -162,6 +162,7 @@ class Bench:
             self.reference.errors(predicted, unseen),
             self.discretisation,
             Errors.of(predicted - self.data.displacements[self.judged], tip, unseen),
+            warnings=self.data.warnings,
         )
 
 

@@ -71,7 +71,8 @@ def _solved(bench: Bench, fem: Fem, label: str) -> tuple[Point, bool]:
         snapshots, _, _ = simulate(finger, fem, judged, bench.folder / "snapshots")
         query_ms = 1e3 * snapshots.provenance["seconds"]
         errors = bench.reference.errors(snapshots.displacements)
-        return Point(label, FINITE_ELEMENTS, query_ms=query_ms, tip_ms=query_ms, total=errors, discretisation=errors)
+        return Point(label, FINITE_ELEMENTS, query_ms=query_ms, tip_ms=query_ms, total=errors, discretisation=errors,
+                     warnings=snapshots.warnings)  # fmt: skip
 
     return bench.measured(label, FINITE_ELEMENTS, snapshot_path(Path(), finger, fem, judged).name, measure)
 
@@ -81,7 +82,12 @@ def _references(bench: Bench) -> Iterator[tuple[Point, bool]]:
     fine, edge = bench.reference.fine, bench.reference.edges_mm[1]
     query_ms, errors = 1e3 * fine.provenance["seconds"], bench.reference.errors(fine.displacements)
     label = f"{bench.settings.reference['name']}, {edge:g} mm, for the reference"
-    yield Point(label, FINITE_ELEMENTS, 0.0, 0.0, query_ms, query_ms, errors, errors), True
+    yield (
+        Point(
+            label, FINITE_ELEMENTS, 0.0, 0.0, query_ms, query_ms, errors, errors, warnings=bench.reference.fine.warnings
+        ),
+        True,
+    )
 
 
 def _table(bench: Bench) -> tuple[Point, bool]:
