@@ -7,6 +7,8 @@ from contextlib import contextmanager
 
 WARNINGS = "warnings"
 """Where the provenance of a result keeps them: a list of sentences."""
+ASIDE = {"aside": True}
+"""To be given as `extra` with a warning that is not about a result, but about what is written or told beside it."""
 
 
 @contextmanager
@@ -29,5 +31,6 @@ class _Keeper(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         sentence = record.getMessage()
-        if record.thread == self._thread and sentence not in self.sentences:
+        own = record.thread == self._thread and not hasattr(record, "aside")
+        if own and sentence not in self.sentences:
             self.sentences.append(sentence)

@@ -14,7 +14,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Run
 
 import pgdl_lab
-from pgdl_lab.tracking import RUN_ID
+from pgdl_lab.mlflow_server import RUN_ID
 from tests.conftest import Lab, environment
 
 WARNING = "The made-up finger is a comb."
@@ -108,20 +108,20 @@ def test_a_split_that_cannot_be_made_is_refused_before_the_simulation(lab: Lab, 
     assert "leaves none to test on" in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "simulations").exists()
-    assert tracked(tmp_path, tmp_path / "runs" / "latest").info.status == "FAILED"
+    assert list((tmp_path / "runs").iterdir()) == []
 
 
 def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> None:
     endless = ["trainer.max_epochs=100000", "trainer.checkpoint_every_s=0", "trainer.log_every_s=0"]
     command = [sys.executable, "-m", "pgdl_lab", *SMALL, *endless, "trainer.max_time=4"]
     process = subprocess.Popen(command, env=environment(tmp_path), cwd=tmp_path, stdout=subprocess.DEVNULL)
-    latest = tmp_path / "runs" / "latest"
-    while not (latest / "checkpoints" / "last.ckpt").exists():
+    running = tmp_path / "runs" / "unfinished"
+    while not (running / "checkpoints" / "last.ckpt").exists():
         assert process.poll() is None, "the training ended before it could be killed"
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    folder = latest.resolve()
+    folder = running.resolve()
     assert tracked(tmp_path, folder).info.status == "RUNNING"
     assert not (folder / "surrogate.pt").exists()
     before = torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)["history"]
@@ -129,7 +129,7 @@ def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> Non
 
     done = lab("resume=runs/latest")
     assert done.returncode == 0, done.stderr
-    assert latest.resolve() == folder
+    assert (tmp_path / "runs" / "latest").resolve() == folder and not running.is_symlink()
     assert simulations(tmp_path) == 1
     assert tracked(tmp_path, folder).info.status == "FINISHED"
     history = pgdl_lab.load(folder / "surrogate.pt").record.history

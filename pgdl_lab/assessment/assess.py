@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -21,6 +22,9 @@ from pgdl_lab.learning.data import Training
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.split import Split
 from pgdl_lab.surrogate import Surrogate
+
+_log = logging.getLogger(__name__)
+_tracebacks = logging.getLogger("pgdl_lab.failure")  # goes to run.log only
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def assess(
     training: Training,
     yardstick: Mapping[str, Any] | None = None,
 ) -> Assessment:
-    """Judge `surrogate` on all of `snapshots` and write `<folder>/metrics.json` and `<folder>/figures/*.png`.
+    """Judge `surrogate` on all of `snapshots` and write `<folder>/metrics.json`, then `<folder>/figures/*.png`.
 
     Parameters
     ----------
@@ -103,7 +107,6 @@ def assess(
     bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
     comparison = Comparison(snapshots, predicted, train, bars)
     highlights = split.highlights(snapshots.pressures_kpa)
-    figures = draw(comparison, highlights, surrogate.record.history, folder / "figures")
     metrics = {
         **asdict(labels),
         "points": predicted.shape[0] * predicted.shape[1],
@@ -127,4 +130,10 @@ def assess(
     metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}
     with replacing(folder / "metrics.json") as temporary:
         temporary.write_text(json.dumps(metrics, indent=1))
+    figures: list[Path] = []
+    try:
+        figures = draw(comparison, highlights, surrogate.record.history, folder / "figures")
+    except Exception as error:  # a full disk or a font: no figure is worth the run
+        _log.warning("The figures could not be drawn: %s", error)
+        _tracebacks.info("The figures could not be drawn", exc_info=True)
     return Assessment(metrics, figures, highlights)

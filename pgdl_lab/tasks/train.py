@@ -7,6 +7,7 @@ from pgdl_lab.tracking import tracked_run
 
 def run(job: Job) -> float:
     """Run the experiment; a search minimises what is returned, the mean squared error over all unseen points [mm²]."""
+    pipeline.check(job.experiment)
     with tracked_run(job.folder, job.sweep_folder) as tracked:
         mse = pipeline.run(job.experiment, job.folder, tracked)["mse_mm2"]
     return float(mse["x"] + mse["z"])
