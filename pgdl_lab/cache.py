@@ -15,11 +15,14 @@ from pgdl_lab import sources
 from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
-from pgdl_lab.heard import WARNINGS, heard
+from pgdl_lab.heard import ASIDE, WARNINGS, heard
 from pgdl_lab.registry import describe
+from pgdl_lab.resultcheck import doubts
 from pgdl_lab.snapshots import VERSION, DamagedSnapshots, Observation, Snapshots
 
 _log = logging.getLogger(__name__)
+
+STOPPED = "stopped"  # in the provenance: why a simulation ended before its highest pressure
 
 
 def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observation) -> Path:
@@ -39,7 +42,7 @@ def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observati
         "fem": describe(fem),
         "observation": vars(observation).copy(),
         "programs": dict(fem.programs()),
-        "code": sources.digest({*_classes(finger), *_classes(fem)}),
+        "code": sources.digest({*_classes(finger), *_classes(fem), doubts}),
         "content": [_hashed(content) for content in finger.content()],
     }
     name = f"{describe(finger)['name']}-{describe(fem)['name']}"
@@ -83,39 +86,58 @@ def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -
         When `folder` cannot be written.
     SimulationStopped
         When the finger cannot bear the highest pressure; what converged is kept in a file of its own, named in the
-        message.
+        message, and found again like all other snapshots.
     """
     from filelock import FileLock
 
     path = snapshot_path(folder, finger, fem, observation)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(path.with_suffix(".lock"))
-        lock.acquire()
+        held = FileLock(path.with_suffix(".lock")).acquire()
     except OSError as error:
         raise LabError(f"{folder} cannot be written ({error.strerror}): free it or set PGDL_LAB_ROOT.") from error
-    with lock:
-        if path.exists():
-            try:
-                snapshots = Snapshots.load(path)
-            except DamagedSnapshots as error:
-                aside = path.with_suffix(".damaged")
-                os.replace(path, aside)
-                _log.warning("%s It is set aside as %s, and the simulation is run again.", error, aside.name)
-            else:
-                for sentence in snapshots.warnings:
-                    _log.warning("%s", sentence)
-                return snapshots, path, True
+    with held:
+        kept, partial = _kept(path), path.with_name(f"{path.stem}-stopped.h5")
+        if kept is not None:
+            return kept, path, True
+        stopped = _kept(partial)
+        if stopped is None:
+            snapshots = _computed(fem, finger, observation)
+            if STOPPED not in snapshots.provenance:
+                snapshots.save(path)
+                return snapshots, path, False
+            snapshots.save(partial)
+            stopped = snapshots
+        raise SimulationStopped(
+            f"{stopped.provenance[STOPPED]} What converged is kept in {partial}; delete it to try again.", stopped
+        )
+
+
+def _kept(path: Path) -> Snapshots | None:
+    """The snapshots at `path`, whose warnings are told; None if there are none that can be read: they are set aside."""
+    if not path.exists():
+        return None
+    try:
+        snapshots = Snapshots.load(path)
+    except DamagedSnapshots as error:
+        aside = path.with_suffix(".damaged")
+        os.replace(path, aside)
+        _log.warning("%s It is set aside as %s, and the simulation is run again.", error, aside.name, extra=ASIDE)
+        return None
+    for sentence in snapshots.warnings:
+        _log.warning("%s", sentence)
+    return snapshots
+
+
+def _computed(fem: Fem, finger: Finger, observation: Observation) -> Snapshots:
+    """Snapshots of a simulation, with what was warned of and, if it stopped, why."""
+    with heard() as sentences:
         try:
-            with heard() as sentences:
-                snapshots = fem.simulate(finger, observation)
+            snapshots = fem.simulate(finger, observation)
         except SimulationStopped as stop:
-            if not len(stop.snapshots.pressures_kpa):
-                raise
-            stop.snapshots.provenance[WARNINGS] = sentences
-            partial = path.with_name(f"{path.stem}-stopped.h5")
-            stop.snapshots.save(partial)
-            raise SimulationStopped(f"{stop} What converged is kept in {partial}.", stop.snapshots) from None
-        snapshots.provenance[WARNINGS] = sentences
-        snapshots.save(path)
-    return snapshots, path, False
+            snapshots = stop.snapshots
+            snapshots.provenance[STOPPED] = str(stop)
+        for sentence in (*finger.doubts(), *doubts(snapshots, finger)):
+            _log.warning("%s", sentence)
+    snapshots.provenance[WARNINGS] = sentences
+    return snapshots

@@ -1,4 +1,4 @@
-"""The code that results come from: the modules that classes reach by their imports, and the libraries' versions.
+"""The code that results come from: the modules that parts of it reach by their imports, and the libraries' versions.
 
 What is kept under a hash of it is not found again by other code. Imports are read in the sources, as what a function
 imports when it runs is not loaded before.
@@ -11,12 +11,16 @@ import inspect
 import re
 import secrets
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cache, lru_cache
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import Distribution, PackageNotFoundError, distribution, distributions
 from pathlib import Path
+from typing import Any
+
+Part = Callable[..., Any]
+"""A class or function."""
 
 PACKAGE = __name__.partition(".")[0]
 
@@ -30,9 +34,9 @@ _read: dict[str, tuple[ModuleSpec | None, bytes]] = {}
 """What was found in the file of a module, and the module that was loaded then."""
 
 
-def digest(classes: Iterable[type]) -> str:
-    """SHA-256 of all code and versions of libraries that the results of these classes come from."""
-    files, libraries = reached(classes)
+def digest(parts: Iterable[Part]) -> str:
+    """SHA-256 of all code and versions of libraries that the results of these classes and functions come from."""
+    files, libraries = reached(parts)
     whole = hashlib.sha256()
     for name, content in sorted(files.items()):
         whole.update(f"{name} {hashlib.sha256(content).hexdigest()}\n".encode())
@@ -41,15 +45,16 @@ def digest(classes: Iterable[type]) -> str:
     return whole.hexdigest()
 
 
-def reached(classes: Iterable[type]) -> tuple[dict[str, bytes], dict[str, str]]:
-    """Modules that classes and their base classes reach, with their content, and versions of the libraries there.
+def reached(parts: Iterable[Part]) -> tuple[dict[str, bytes], dict[str, str]]:
+    """Modules that these and base classes reach, with their content, and versions of the libraries there.
 
     What pip did not install counts as code; and with a library counts what it requires, as many leave the work to
     another one.
     """
-    classes = tuple(classes)
-    ours = {PACKAGE, *map(_top, classes)}
-    bases = {base for cls in classes for base in cls.__mro__ if _top(base) not in sys.stdlib_module_names}
+    parts = tuple(parts)
+    ours = {PACKAGE, *map(_top, parts)}
+    all_bases = {base for part in parts for base in (part.__mro__ if isinstance(part, type) else (part,))}
+    bases = {base for base in all_bases if _top(base) not in sys.stdlib_module_names}
     code = {f"{base.__module__}.{base.__qualname__}": _typed(base) for base in bases if _file(base.__module__) is None}
     libraries: dict[str, str] = {}
     waiting = {base.__module__ for base in bases}
@@ -68,15 +73,15 @@ def reached(classes: Iterable[type]) -> tuple[dict[str, bytes], dict[str, str]]:
     return code, libraries
 
 
-def _top(cls: type) -> str:
-    """Name of the package or module, at the top level, that a class is from."""
-    return cls.__module__.partition(".")[0]
+def _top(part: Part) -> str:
+    """Name of the package or module, at the top level, that a class or function is from."""
+    return part.__module__.partition(".")[0]
 
 
-def _typed(cls: type) -> bytes:
-    """Source of a class that no file holds, as in a notebook; one that cannot be had is never the same again."""
+def _typed(part: Part) -> bytes:
+    """Source of what no file holds, as in a notebook; one that cannot be had is never the same again."""
     try:
-        return inspect.getsource(cls).encode()
+        return inspect.getsource(part).encode()
     except (OSError, TypeError):
         return secrets.token_bytes()
 

@@ -23,6 +23,7 @@ from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
 from pgdl_lab.registry import plugin
+from pgdl_lab.resultcheck import doubts
 from pgdl_lab.snapshots import Body, DamagedSnapshots, Observation, Snapshots
 from pgdl_lab.tasks import Job
 from pgdl_lab.tasks import simulate as task
@@ -193,24 +194,26 @@ class Doubting(Fem):
         return replace(small(), provenance={"discretisation_error": ERROR})
 
 
+TOLD = ["The equilibria at 3 kPa are unstable.", *doubts(small(), pneunet())]
+
+
 def test_what_a_simulation_warned_of_is_told_whenever_it_is_used(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    told = ["The equilibria at 3 kPa are unstable."]
     first, path, _ = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
-    assert first.warnings == Snapshots.load(path).warnings == told
+    assert first.warnings == Snapshots.load(path).warnings == TOLD
     for _ in range(2):
         caplog.clear()
         again, _, cached = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
-        assert cached and again.warnings == told
-        assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == told
+        assert cached and again.warnings == TOLD
+        assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == TOLD
 
 
 def test_metrics_of_a_simulation_hold_what_it_knows_of_its_error(root: Path) -> None:
     made: Any = SimpleNamespace(finger=pneunet(), fem=Doubting(), observation=OBSERVATION)
     task.run(Job(made, OmegaConf.create(), root, None))
     metrics = json.loads((root / "metrics.json").read_text())
-    assert metrics["warnings"] == ["The equilibria at 3 kPa are unstable."]
+    assert metrics["warnings"] == TOLD
     assert metrics["discretisation_error"] == ERROR
 
 
@@ -218,7 +221,7 @@ def test_what_a_stopped_simulation_warned_of_is_kept(tmp_path: Path) -> None:
     with pytest.raises(SimulationStopped):
         simulate(pneunet(), Doubting(stops=True), OBSERVATION, tmp_path)
     (kept,) = tmp_path.glob("*-stopped.h5")
-    assert Snapshots.load(kept).warnings == ["The equilibria at 3 kPa are unstable."]
+    assert Snapshots.load(kept).warnings == TOLD
 
 
 def _simulate_in(folder: str, notes: str, seconds: float) -> None:
@@ -267,6 +270,43 @@ def test_burst_keeps_what_converged(tmp_path: Path) -> None:
     limit, reached = snapshots.provenance["limit_kpa"], snapshots.provenance["equilibria_kpa"][-1]
     assert reached <= limit < 1.001 * reached and f"a maximum near {limit:.4g} kPa" in str(caught.value)
     assert not snapshot_path(tmp_path, balloon(), solid(), OBSERVATION).exists()
+
+
+@dataclass(frozen=True)
+class Stopping(Counting):
+    """Stops each time, with as many snapshots as it is told."""
+
+    name = "stopping"
+    converged: int = 2
+
+    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        whole = super().simulate(finger, observation)
+        kept = slice(0, self.converged)
+        found = replace(whole, pressures_kpa=whole.pressures_kpa[kept], displacements=whole.displacements[kept])
+        raise SimulationStopped(f"It stopped after {self.converged} snapshots.", found)
+
+
+@pytest.mark.parametrize("converged", [2, 0])
+def test_a_stopped_simulation_is_computed_once(converged: int, tmp_path: Path) -> None:
+    fem = Stopping(notes=str(tmp_path / "notes"), converged=converged)
+    told, pressures = [], []
+    for _ in range(2):
+        with pytest.raises(SimulationStopped, match=f"It stopped after {converged} snapshots. What converged") as stop:
+            simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+        told.append(str(stop.value))
+        pressures.append(stop.value.snapshots.pressures_kpa)
+    assert told[0] == TOLD[1] and told[0].endswith("-stopped.h5; delete it to try again.")
+    np.testing.assert_array_equal(*pressures)
+    assert len(pressures[0]) == converged
+    assert len((tmp_path / "notes").read_text().split()) == 1
+    (kept,) = (tmp_path / "cache").glob("*-stopped.h5")
+    kept.write_bytes(kept.read_bytes()[:500])  # damaged, it is computed again
+    with pytest.raises(SimulationStopped):
+        simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+    kept.unlink()
+    with pytest.raises(SimulationStopped):
+        simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+    assert len((tmp_path / "notes").read_text().split()) == 3
 
 
 @pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root can write everywhere")

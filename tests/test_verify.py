@@ -11,6 +11,7 @@ from numpy import float64
 from omegaconf import OmegaConf
 
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.mechanics.elements import BEST
 from pgdl_lab.tasks import Job, verify
 from pgdl_lab.verification.benchmark import Benchmark, Check
 from tests.conftest import Lab
@@ -28,6 +29,8 @@ def test_quick_benchmarks_pass_and_are_written_down(lab: Lab, tmp_path: Path) ->
     rows = json.loads(file.read_text())
     assert len({row["benchmark"] for row in rows}) >= 9
     assert all(row["passed"] for row in rows)
+    orders = [row["check"] for row in rows if row["benchmark"] == "manufactured Yeoh solution"]
+    assert {check.split(",")[0] for check in orders} == set(BEST.values())  # the elements that a run takes by itself
     assert sum(row["seconds"] for row in rows) < 120  # some 30 s on two quiet cores
     with file.with_suffix(".csv").open(newline="") as table:
         assert [row["check"] for row in csv.DictReader(table)] == [row["check"] for row in rows]

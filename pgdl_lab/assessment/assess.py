@@ -37,6 +37,8 @@ class Labels:
         Plugin names.
     losses
         Names of the loss terms.
+    left_out
+        Those that the model could not use, and why.
     seed
         The seed.
     """
@@ -46,6 +48,7 @@ class Labels:
     split: str
     model: str
     losses: list[str]
+    left_out: dict[str, str]
     seed: int
 
 
@@ -72,6 +75,7 @@ def assess(
     surrogate: Surrogate,
     snapshots: Snapshots,
     train: NDArray[np.int64],
+    selection: NDArray[np.int64],
     split: Split,
     labels: Labels,
     seconds: Mapping[str, float],
@@ -87,8 +91,8 @@ def assess(
         A trained model.
     snapshots
         The simulation.
-    train
-        (n,), indices of the training points.
+    train, selection
+        (n,) and (m,), indices of the training points and of those that a search selects by.
     split
         Tells which snapshots tables and base-line figures show.
     labels
@@ -105,18 +109,22 @@ def assess(
     start = time.perf_counter()
     predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
     bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
-    comparison = Comparison(snapshots, predicted, train, bars)
+    comparison = Comparison(snapshots, predicted, train, bars, selection)
     highlights = split.highlights(snapshots.pressures_kpa)
+    units = {name: loss.unit for name, loss in training.losses.items()}
+    terms = residuals(training.losses, training.scene, snapshots, predicted, highlights)
     metrics = {
         **asdict(labels),
         "points": predicted.shape[0] * predicted.shape[1],
         "train_points": len(train),
+        "selection_points": len(selection),
         "test_points": int(comparison.unseen.sum()),
         "seconds": {},
         "warnings": surrogate.warnings,
         "surrogate_error": comparison.error(),
         "discretisation_error": snapshots.provenance.get("discretisation_error"),
         "mse_mm2": comparison.mse_mm2(),
+        "selection_mm2": comparison.selection_mm2(),
         "error_bar": comparison.error_bar(),
         "by_pressure": comparison.by_pressure(),
         "extremes_mm": comparison.extremes_mm(),
@@ -124,7 +132,7 @@ def assess(
         "latency_ms": latency_ms(
             surrogate, snapshots.points, int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
         ),
-        "residuals": residuals(training.losses, training.scene, snapshots, predicted, highlights),
+        "residuals": {name: {**values, "unit": units[name]} for name, values in terms.items()},
         "yardstick": yardstick,
     }
     metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}
@@ -132,7 +140,7 @@ def assess(
         temporary.write_text(json.dumps(metrics, indent=1))
     figures: list[Path] = []
     try:
-        figures = draw(comparison, highlights, surrogate.record.history, folder / "figures")
+        figures = draw(comparison, highlights, surrogate.record.history, units, folder / "figures")
     except Exception as error:  # a full disk or a font: no figure is worth the run
         _log.warning("The figures could not be drawn: %s", error)
         _tracebacks.info("The figures could not be drawn", exc_info=True)

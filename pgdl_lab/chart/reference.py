@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from pgdl_lab.cache import simulate
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.registry import describe, field_names, plugin
 from pgdl_lab.snapshots import Observation, Snapshots
 
 Array = NDArray[np.float64]
 
 ORDER = 3
-"""Order of convergence that is extrapolated with: the element chart (benchmarks/elements.py) shows 3.4 and 4.6."""
+"""Order of convergence that is extrapolated with, unless the element has another: the element chart
+(benchmarks/elements.py) shows 3.4 and 4.6."""
 SHRINKING = 1 / 3, 1 / 2
 """Least and largest factor from mesh to mesh that is believed: they leave half and all of the last distance."""
 
@@ -64,6 +66,8 @@ class Reference:
         Their longest edges [mm].
     paths
         Their files, whose names tell everything that determines them.
+    order
+        Order of convergence of their element.
     """
 
     coarser: Snapshots | None
@@ -71,11 +75,12 @@ class Reference:
     fine: Snapshots
     edges_mm: tuple[float, float]
     paths: tuple[Path, Path]
+    order: int = ORDER
 
     @property
     def displacements(self) -> Array:
         """Extrapolated displacements (P, N, 2) [mm]."""
-        return self.fine.displacements + self._step / (2**ORDER - 1)
+        return self.fine.displacements + self._step / (2**self.order - 1)
 
     @property
     def uncertainty(self) -> Errors:
@@ -144,4 +149,6 @@ def find_reference(finger: Finger, description: dict[str, Any], observation: Obs
         before: Snapshots | None = simulate(finger, coarser, observation, folder)[0]
     except LabError:  # too coarse a mesh for this finger
         before = None
-    return Reference(before, first, second, (edge, edge / 2), (first_path, second_path))
+    element = first.provenance.get("element")
+    order = ELEMENTS[element].order if element else ORDER
+    return Reference(before, first, second, (edge, edge / 2), (first_path, second_path), order)

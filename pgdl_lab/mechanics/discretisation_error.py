@@ -5,6 +5,12 @@ load path. At first the stiffness is taken at the pressure of the coarse solutio
 dilates fine elements at random, by little, but enough for their own pressures to be far off. One step of Newton's
 method would leave an estimate that is several times too large. Halving the edges along one direction after the other
 would be cheaper, but errors of mixed elements differ in sign and do not add up.
+
+The change is not the error. Where errors shrink with the order p of the element, the error is 1 / (1 − 2^(−p)) times
+the change: 8/7 of it for displacements of third order, 4/3 for those of second and twice for strains of first, both of
+elements with mean dilatation. It is not extrapolated, because with one element or two in a wall errors do not shrink so
+yet: on a finger of two chambers the tip's changes from mesh to mesh have the order 1.6 with hex27_p0, and alternate in
+sign with hex27_p1 and tet10_p0.
 """
 
 from dataclasses import dataclass

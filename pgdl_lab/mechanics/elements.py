@@ -36,9 +36,18 @@ class ElementKind:
     quadrature_order: int
     pressure_modes: int | None
 
+    @property
+    def order(self) -> int:
+        """Order of displacements in the length of the edges, where they are smooth; that of strains is one less.
+
+        A constant pressure takes one from that of quadratic displacements (`task=verify`).
+        """
+        return 2 if self.pressure_modes == 1 else 3
+
 
 # Ten-node tetrahedra lock with pressure at each point, and are unstable with discontinuous linear pressure. With a
-# constant one they did neither in any trial: the nodes on edges let the flow through facets. That with 15 nodes, also
+# constant one they did neither in any trial, the nodes on edges let the flow through facets, but strains converge with
+# first order only, as with mean dilatation on hexahedra. That with 15 nodes, also
 # in the facets and inside, is the conforming element of M. Crouzeix and P.-A. Raviart (RAIRO R3, 1973), stable with
 # discontinuous linear pressure (D. Boffi, F. Brezzi, M. Fortin, Mixed Finite Element Methods and Applications, 2013,
 # chapter 8). Yet on the walls of fingers it errs more at three times the unknowns, since its strain without dilatation

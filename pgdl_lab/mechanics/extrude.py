@@ -11,12 +11,19 @@ if TYPE_CHECKING:
 
 
 def extrude(
-    profile: Profile, half_width_mm: float, side_wall_mm: float, edge_mm: float, *, whole: bool = False
+    profile: Profile,
+    half_width_mm: float,
+    side_wall_mm: float,
+    edge_mm: float,
+    *,
+    halvings: int | None = None,
+    whole: bool = False,
 ) -> "MeshHex":
     """Mesh the body 0 ≤ y ≤ `half_width_mm` [mm], or the `whole` |y| ≤ `half_width_mm`, with hexahedra.
 
-    Their edges are at most `edge_mm` [mm]. Cavities reach from the plane of symmetry to the side wall; gaps go through
-    the whole width.
+    How long their edges are follows from `edge_mm` [mm] and the `halvings`, by default those of `profile`: see
+    `pgdl_lab.mechanics.profile`. Cavities reach from the plane of symmetry to the side wall; gaps go through the whole
+    width.
 
     Returns
     -------
@@ -27,8 +34,9 @@ def extrude(
     from skfem import MeshHex
 
     inner_mm = half_width_mm - side_wall_mm
-    grid = profile.refined(edge_mm)
-    across = subdivide(np.array([0.0, inner_mm, half_width_mm]), edge_mm)
+    halvings = profile.halvings(edge_mm) if halvings is None else halvings
+    grid = profile.refined(edge_mm, halvings)
+    across = subdivide(np.array([0.0, inner_mm, half_width_mm]), edge_mm, halvings)
     if whole:
         across = np.concatenate([-across[:0:-1], across])
     block = MeshHex.init_tensor(grid.x, across, grid.z)

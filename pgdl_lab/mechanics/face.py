@@ -58,15 +58,15 @@ def observe(profile: Profile, count: int, y_mm: float) -> Face:
             "ask for at least that many."
         )
     lower = upper = float(profile.x[-1] - profile.x[0])
-    while nodes(profile.refined(lower)).sum() < count:
+    while nodes(profile.refined(lower, 0)).sum() < count:
         lower /= 2
     while upper - lower > 1e-6 * upper:  # an edge `lower` gives enough points, `upper` too few
         middle = (lower * upper) ** 0.5
-        if nodes(profile.refined(middle)).sum() >= count:
+        if nodes(profile.refined(middle, 0)).sum() >= count:
             lower = middle
         else:
             upper = middle
-    grid = profile.refined(lower)
+    grid = profile.refined(lower, 0)
     kept = nodes(grid)
     covered = np.pad(grid.regions != Region.GAP, 1)
     inside = covered[1:, 1:] & covered[1:, :-1] & covered[:-1, 1:] & covered[:-1, :-1]

@@ -1,4 +1,10 @@
-"""The x–z section of an extruded finger: a grid of rectangles, each solid, cavity or gap."""
+"""The x–z section of an extruded finger: a grid of rectangles, each solid, cavity or gap; and how it is cut finer.
+
+Each interval between two grid lines is cut into the fewest equal parts that are no longer than the edge asked for.
+`LEEWAY` keeps dimensions that are multiples of the edge, as round ones often are, away from the jump to one part more.
+Where the edge is shorter than the intervals are on average, they are first cut for an edge that is not, twice or four
+times … as long, and then halved: so half the edge gives the same mesh with each element halved in all directions.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,10 +22,17 @@ class Region(IntEnum):
     CAVITY = 2
 
 
-def subdivide(lines: NDArray[np.float64], edge_mm: float) -> NDArray[np.float64]:
-    """Grid lines between and including `lines` [mm], evenly spaced in each interval, at most `edge_mm` apart."""
+LEEWAY = 1.07  # of the edge: how long a part may be
+
+
+def subdivide(lines: NDArray[np.float64], edge_mm: float, halvings: int = 0) -> NDArray[np.float64]:
+    """Grid lines between and including `lines` [mm]; parts are at most `LEEWAY` times `edge_mm` long.
+
+    They are cut for an edge of 2^`halvings` times `edge_mm` and then halved so often.
+    """
+    longest = LEEWAY * edge_mm * 2**halvings
     pieces = [
-        np.linspace(start, stop, int(np.ceil((stop - start) / edge_mm - 1e-9)), endpoint=False)
+        np.linspace(start, stop, 2**halvings * int(np.ceil((stop - start) / longest - 1e-9)), endpoint=False)
         for start, stop in zip(lines[:-1], lines[1:], strict=True)
     ]
     return np.concatenate([*pieces, lines[-1:]])
@@ -61,9 +74,16 @@ class Profile:
         padded = np.pad(self.regions, 1, constant_values=Region.GAP)
         return padded[i + 1, k + 1]
 
-    def refined(self, edge_mm: float) -> "Profile":
-        """The same section on a grid whose edges are at most `edge_mm` [mm]."""
-        x, z = subdivide(self.x, edge_mm), subdivide(self.z, edge_mm)
+    def halvings(self, edge_mm: float) -> int:
+        """How often an interval of mean length is halved until its parts are no longer than `edge_mm` [mm]."""
+        intervals = np.concatenate([np.diff(self.x), np.diff(self.z)])
+        mean = float(np.exp(np.log(intervals).mean()))  # geometric: thin and long ones count alike
+        return max(0, int(np.ceil(np.log2(mean / (LEEWAY * edge_mm)))))
+
+    def refined(self, edge_mm: float, halvings: int | None = None) -> "Profile":
+        """The same section on a finer grid, cut by `subdivide`; `halvings`: those of the mean interval by default."""
+        halvings = self.halvings(edge_mm) if halvings is None else halvings
+        x, z = subdivide(self.x, edge_mm, halvings), subdivide(self.z, edge_mm, halvings)
         i = np.searchsorted(self.x, (x[1:] + x[:-1]) / 2) - 1
         k = np.searchsorted(self.z, (z[1:] + z[:-1]) / 2) - 1
         return Profile(x, z, self.regions[np.ix_(i, k)])

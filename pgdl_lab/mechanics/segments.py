@@ -106,7 +106,8 @@ def segments(finger: ExtrudedFinger, places: Array, edge_mm: float, axis_mm: flo
 
 def solve(finger: ExtrudedFinger, piece: Profile, clamped: bool, edge_mm: float, axis_mm: float) -> Segment:
     """Solve for one segment of `finger`; `clamped`: its left end is held and not a cut."""
-    mesh = extrude(piece, finger.width_mm / 2, finger.side_wall_mm, edge_mm)
+    halvings = finger.profile().halvings(edge_mm)
+    mesh = extrude(piece, finger.width_mm / 2, finger.side_wall_mm, edge_mm, halvings=halvings)
     body = discretise(mesh, ELEMENTS[BEST["hexahedra"]])
     x, y, z = body.positions.T
     length = float(piece.x[-1])
@@ -140,7 +141,7 @@ def solve(finger: ExtrudedFinger, piece: Profile, clamped: bool, edge_mm: float,
     stiffness = np.array([[2 / length * (u * forces(v)).sum() for u in fields[:2]] for v in fields[:2]])
     push = np.array([2 / length * (u * air).sum() for u in fields[:2]])
     push += opening(piece, finger.width_mm - 2 * finger.side_wall_mm, axis_mm)
-    return Segment(stiffness, push, *side_shapes(piece.refined(edge_mm), body, fields, axis_mm))
+    return Segment(stiffness, push, *side_shapes(piece.refined(edge_mm, halvings), body, fields, axis_mm))
 
 
 def wall_forces(body: Discretisation) -> Array:

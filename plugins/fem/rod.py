@@ -29,7 +29,8 @@ class Rod(Fem):
     Attributes
     ----------
     edge_mm
-        Longest edge of the elements that the segments are solved with [mm].
+        Longest edge of the elements that the segments are solved with [mm]; up to 7 % more is let pass. Half of it
+        halves each element.
     step_mm
         Longest element of the rod [mm].
     newton_mm

@@ -130,8 +130,9 @@ def simulated(of_edge: Callable[[float], float], edge: float = 2.0) -> Reference
     return Reference(mesh(2 * edge), mesh(edge), mesh(edge / 2), (edge, edge / 2), (Path(), Path()))
 
 
-def test_the_reference_is_extrapolated_with_its_order() -> None:
-    reference = simulated(lambda length: 0.1 * length**3)
+@pytest.mark.parametrize("order", [2, 3])
+def test_the_reference_is_extrapolated_with_its_order(order: int) -> None:
+    reference = replace(simulated(lambda length: 0.1 * length**order), order=order)
     np.testing.assert_allclose(reference.displacements, EXACT, rtol=1e-14)
     assert reference.errors(reference.fine.displacements).tip_mm < reference.uncertainty.tip_mm
 
@@ -186,6 +187,16 @@ def test_bad_settings_are_refused(changes: dict[str, Any], said: str) -> None:
 def test_a_reference_needs_an_edge_to_halve(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="needs an edge_mm"):
         find_reference(pneunet(), {"name": "solid"}, Observation(2, 400), tmp_path)
+
+
+@pytest.mark.parametrize(("element", "order"), [("hex27_p1", 3), ("hex27_p0", 2)])
+def test_a_reference_has_the_order_of_its_element(element: str, order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    def simulate(finger: Any, fem: Any, *rest: Any) -> Any:
+        return SimpleNamespace(provenance={"element": fem.element, "mesh": fem.edge_mm}), Path(), False
+
+    monkeypatch.setattr("pgdl_lab.chart.reference.simulate", simulate)
+    asked = {"name": "solid", "edge_mm": 6.0, "element": element}
+    assert find_reference(pneunet(), asked, Observation(1, 400), Path()).order == order
 
 
 def test_judged_pressures_divide_those_observed() -> None:

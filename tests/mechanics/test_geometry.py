@@ -5,9 +5,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pgdl_lab import registry
 from pgdl_lab.errors import InputError
+from pgdl_lab.mechanics.discretisation_error import refined
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.lattice import halved
+from pgdl_lab.mechanics.newton import solve
 from pgdl_lab.mechanics.profile import Profile, Region, subdivide
-from tests.fingers import pneunet
+from tests.fingers import REFERENCE, pneunet
+
+STOCK = {name: registry.plugin("finger", name)() for name in ("bellows", "joints", "pneunet")}
+STOCK["pneunet_reference"] = registry.plugin("finger", "pneunet")(**REFERENCE)
 
 
 def area(points: Any, triangles: Any) -> float:
@@ -15,9 +24,78 @@ def area(points: Any, triangles: Any) -> float:
     return float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2)
 
 
+def grid_lines(mesh: Any) -> list[Any]:
+    """Where the planes between the elements lie along x, y and z [mm]."""
+    return [np.unique(np.round(component, 9)) for component in mesh.p]
+
+
 def test_subdivide_keeps_the_lines_and_the_longest_edge() -> None:
     lines = subdivide(np.array([0.0, 3.0, 7.5]), 3.0)
     np.testing.assert_allclose(lines, [0, 3, 5.25, 7.5])
+    np.testing.assert_allclose(subdivide(np.array([0.0, 1.0, 3.2, 6.5]), 3.0), [0, 1, 3.2, 4.85, 6.5])
+    np.testing.assert_allclose(subdivide(np.array([0.0, 1.0, 4.0]), 1.5, halvings=1), [0, 0.5, 1, 2.5, 4])
+
+
+@pytest.mark.parametrize("ratio", [0.5, 2 / 3, 1, 4 / 3, 1.5, 2, 2.5, 3, 4, 5])
+def test_neighbours_of_round_dimensions_have_their_mesh(ratio: float) -> None:
+    """Over 6 % on either side nothing jumps: the edges there are those of the round dimension, stretched."""
+    around = [subdivide(np.array([0.0, share * 3 * ratio]), 3.0) / share for share in (0.94, 1.0, 1.06)]
+    for lines in around:
+        np.testing.assert_allclose(lines, around[1])
+
+
+def test_tip_does_not_jump_where_walls_are_as_thick_as_the_edge() -> None:
+    """A micrometre more or less changes what it changes, and the mesh stays: the tip moves along a straight line."""
+    tips, elements = [], set()
+    for wall in (2.9, 2.999, 3.001, 3.1):
+        model = Model(pneunet(chambers=2, wall_mm=wall, side_wall_mm=wall), 3.0, "hex27_p1")
+        rest = np.zeros(model.equilibrium.free.shape)
+        found = solve(model.equilibrium, model.solver, rest, Load(1.0, 0.002), 1e-6).displacement
+        tips.append(found[:, 2].min())
+        elements.add(model.mesh.nelements)
+    assert len(elements) == 1
+    slope = (tips[3] - tips[0]) / 0.2
+    assert tips[2] - tips[1] == pytest.approx(0.002 * slope, rel=0.05)
+
+
+@pytest.mark.parametrize("name", STOCK)
+def test_half_the_edge_is_the_mesh_with_each_element_halved(name: str) -> None:
+    finger = STOCK[name]
+    coarse, fine = finger.mesh(3.0), finger.mesh(1.5)
+    assert fine.nelements == 8 * coarse.nelements
+    for before, after in zip(grid_lines(coarse), grid_lines(fine), strict=True):
+        np.testing.assert_allclose(after, halved(before), atol=1e-8)
+    profile = finger.profile()
+    for edge in (1.5, 0.75):
+        before, after = profile.refined(edge), profile.refined(edge / 2)
+        np.testing.assert_allclose(after.x, halved(before.x), rtol=1e-12)
+        np.testing.assert_allclose(after.z, halved(before.z), rtol=1e-12)
+
+
+@pytest.mark.parametrize("gravity", [[0.0, -9.81], [0.0, 9.81, 0.0]])
+def test_half_the_edge_is_what_the_discretisation_estimate_refines_to(gravity: list[float]) -> None:
+    finger = pneunet(gravity_m_s2=gravity)
+    by_halves, fine = refined(finger.mesh(3.0)), finger.mesh(1.5)
+
+    def facets(mesh: Any, name: str) -> Any:
+        middles = mesh.p[:, mesh.facets[:, mesh.boundaries[name]]].mean(axis=1)
+        return np.round(middles[:, np.lexsort(np.round(middles, 6))], 6)
+
+    assert by_halves.boundaries.keys() == fine.boundaries.keys()
+    for name in fine.boundaries:
+        np.testing.assert_allclose(facets(by_halves, name), facets(fine, name), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", STOCK)
+def test_stock_fingers_are_clear_of_a_jump(name: str) -> None:
+    """By 15 % in the mean interval, at which all elements are halved, and by 2 % in all dimensions at once."""
+    profile = STOCK[name].profile()
+    for share in (1 / 1.15, 1.15):
+        scaled = Profile(share * profile.x, share * profile.z, profile.regions)
+        assert [scaled.halvings(edge) for edge in (3.0, 1.5)] == [0, 1]
+    for lines in (profile.x, profile.z, np.cumsum([0.0, STOCK[name].width_mm / 2 - STOCK[name].side_wall_mm])):
+        counts = {len(subdivide(share * lines, 3.0)) for share in (1 / 1.02, 1.0, 1.02)}
+        assert len(counts) == 1
 
 
 def test_region_outside_the_grid_is_a_gap() -> None:

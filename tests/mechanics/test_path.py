@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.hermite import hermite
 from pgdl_lab.mechanics.newton import NoConvergence, Solution
-from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
+from pgdl_lab.mechanics.path import SMALLEST_INTERVAL, Branch, PathEnded, follow, refine
 
 Array = NDArray[np.float64]
 
@@ -23,15 +23,21 @@ def test_hermite_is_exact_for_its_degree() -> None:
 
 @dataclass
 class ClosedForm:
-    """Equilibria on an arc of radius 50 mm; Newton's method fails where the guess is worse than `reach_mm`."""
+    """Equilibria on an arc of radius 50 mm; Newton's method fails where the guess is worse than `reach_mm`.
+
+    From `kink` on they leave it by `size` (x − kink)^`order`: their derivative of that order jumps.
+    """
 
     reach_mm: float = 10.0
     ends: float = np.inf
     kink: float = np.inf
+    size: float = 0.1
+    order: int = 1
     solved: list[float] = field(default_factory=list)
 
     def exact(self, x: float) -> Array:
-        return 50 * np.array([[np.sin(x / 20), 0.0, np.cos(x / 20)]]) + 0.1 * max(0.0, x - self.kink)
+        arc = 50 * np.array([[np.sin(x / 20), 0.0, np.cos(x / 20)]])
+        return arc + self.size * max(0.0, x - self.kink) ** self.order
 
     def solve(self, start: Array, parameter: float) -> Solution:
         if parameter > self.ends or np.abs(start - self.exact(parameter)).max() > self.reach_mm:
@@ -88,6 +94,57 @@ def test_equilibria_are_added_only_where_they_are_wanted() -> None:
     estimate = refine(leg, branch, wanted, 1e-9)
     assert set(branch.parameters) - before == {10.0, 31.5} - before
     assert estimate == 0.0
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_bound_holds_across_any_kink(order: int) -> None:
+    """Kinks like those where surfaces meet: whatever lies between the equilibria is off by the estimate at most."""
+    random, tolerance = np.random.default_rng(order), 1e-5
+    for _ in range(10):
+        kink, size = random.uniform(0, 50), 10 ** random.uniform(-3, 0) * random.choice([-1, 1])
+        leg = ClosedForm(kink=kink, size=size, order=order)
+        branch = follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
+        estimate = refine(leg, branch, WANTED, tolerance)
+        assert estimate <= tolerance
+        assert worst_error(leg, branch) <= tolerance, (kink, size)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("interval", [0, 1])
+def test_one_kink_is_off_by_twice_and_a_half_its_estimate_at_most(order: int, interval: int) -> None:
+    random = np.random.default_rng(order)
+    for _ in range(100):
+        branch = Branch(np.cumsum([0.0, *2 ** random.uniform(-1.5, 1.5, 3)]).tolist())
+        kink = random.uniform(branch.parameters[0], branch.parameters[-1])
+        beyond = np.maximum(np.array(branch.parameters) - kink, 0)
+        branch.displacements = list(beyond**order)
+        branch.slopes = list(order * beyond ** (order - 1) * (beyond > 0))
+        start, stop = branch.parameters[interval : interval + 2]
+        error = max(abs(branch.at(x) - max(0.0, x - kink) ** order) for x in np.linspace(start, stop, 41))
+        assert error <= 2.5 * branch.doubt(start, stop), (branch.parameters, kink)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_few_equilibria_are_in_doubt_too(count: int) -> None:
+    leg, branch = ClosedForm(reach_mm=np.inf), Branch()
+    for x in np.linspace(0, 50, count):
+        branch.add(leg, leg.exact(0), float(x))
+    start, stop = branch.parameters[:2]
+    between = np.linspace(start, stop, 21)[1:-1]
+    error = max(float(np.abs(branch.at(x) - leg.exact(x)).max()) for x in between)
+    assert 1e-4 < error <= branch.doubt(start, stop)
+
+
+def test_doubt_counts_where_no_equilibrium_can_be_added() -> None:
+    """Beside an equilibrium too close to have one of its own, and where Newton's method fails."""
+    leg = ClosedForm()
+    branch = follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
+    known, beside = len(branch.parameters), branch.parameters[3] + 0.5 * SMALLEST_INTERVAL * 50
+    leg.reach_mm = 0.0
+    alone, along = (refine(leg, branch, np.array(wanted), 1e-9) for wanted in ([beside], [beside, 31.0]))
+    assert len(branch.parameters) == known
+    assert 0 < np.abs(branch.at(beside) - leg.exact(beside)).max() <= alone < 1e-9
+    assert along > np.abs(branch.at(31.0) - leg.exact(31.0)).max() > 1e-9
 
 
 def test_end_of_the_branch_keeps_what_was_found() -> None:
