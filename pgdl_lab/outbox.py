@@ -6,7 +6,8 @@ What it missed lies in the folder of its run, in the order in which it was said;
 import json
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -28,6 +29,7 @@ ENDED = ("FINISHED", "FAILED", "KILLED")
 _log = logging.getLogger(__name__)
 _tracebacks = logging.getLogger("pgdl_lab.failure")  # goes to run.log only
 _failed_s = -QUIET_S  # when MLflow failed last, on the monotonic clock
+_warned: set[Path] = set()  # runs and multiruns of this process whose user knows that MLflow misses something
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,7 @@ def deliver(folder: Path) -> None:
     """
     with FileLock(paths.RUNS / ".mlflow_missed.lock"):  # nobody adds meanwhile
         if (folder / MISSED).exists():
-            lines = (folder / MISSED).read_text(encoding="utf-8").splitlines()
-            tell(folder, [Message(**json.loads(line)) for line in lines])
+            tell(folder, list(_kept(folder / MISSED)))
             (folder / MISSED).unlink()
 
 
@@ -94,6 +95,7 @@ def settle(folder: Path) -> None:
         except Exception as error:  # see `send`
             _warn(folder, error)
             return
+        _warned.discard(folder)
         _log.info("MLflow answers again and has all of %s.", each)
 
 
@@ -106,17 +108,25 @@ def _keep(folder: Path, message: Message) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(paths.RUNS / ".mlflow_missed.lock"), (folder / MISSED).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(message)) + "\n")
+            file.write("\n" + json.dumps(asdict(message)))
     except OSError as error:
         _log.warning("What MLflow missed cannot be kept in %s: %s.", folder, error.strerror, extra=ASIDE)
 
 
+def _kept(file: Path) -> Iterator[Message]:
+    """What was kept; a line that was cut off by a kill or a full disk is left out."""
+    for line in file.read_text(encoding="utf-8").splitlines():
+        with suppress(ValueError):
+            yield Message(**json.loads(line))
+
+
 def _warn(folder: Path, error: Exception) -> None:
-    """Tell the first failure in a while, and how to make up for it."""
+    """Tell the first failure, and how to make up for it."""
     global _failed_s
-    again, _failed_s = time.monotonic() - _failed_s < QUIET_S, time.monotonic()
+    _failed_s = time.monotonic()
     _tracebacks.info("MLflow failed", exc_info=error)
-    if not again:
+    if folder not in _warned:
+        _warned.add(folder)
         reason = str(error) if isinstance(error, LabError) else f"{place()} failed: {gist(error)}."
         run = folder.relative_to(paths.ROOT) if folder.is_relative_to(paths.ROOT) else folder
         _log.warning(

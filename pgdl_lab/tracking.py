@@ -152,7 +152,7 @@ def open_parent(sweep_folder: Path, params: Mapping[str, str]) -> None:
 
 def end_parent(sweep_folder: Path, status: str, files: Iterable[Path] = ()) -> None:
     """Close the parent run of a multirun, if any of its jobs was tracked, with files that were made of it."""
-    if _tracked(sweep_folder):
+    if _tracked(sweep_folder) or missed(sweep_folder):
         log_to_parent(sweep_folder, files)
         send(sweep_folder, Message(status=status))
     settle(sweep_folder)
