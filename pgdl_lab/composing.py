@@ -10,6 +10,7 @@ from omegaconf import DictConfig
 
 from pgdl_lab import registry, tasks
 from pgdl_lab.experiment import Experiment, store_schema
+from pgdl_lab.hydra_versions import BASE
 from pgdl_lab.paths import CONF
 
 
@@ -27,7 +28,7 @@ def composed(choices: Sequence[str]) -> DictConfig:
     if GlobalHydra.instance().is_initialized():
         return compose("config", list(choices))
     store_choices()
-    with initialize_config_dir(str(CONF), version_base=None):
+    with initialize_config_dir(str(CONF), **BASE):
         return compose("config", list(choices))
 
 

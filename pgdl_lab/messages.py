@@ -1,13 +1,18 @@
 """One clear sentence for an error, Hydra's and OmegaConf's own included."""
 
 import re
+import shlex
 from collections.abc import Iterator
+from contextlib import suppress
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
+from pgdl_lab import paths
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.files import FULL, no_room
 from pgdl_lab.registry import PARTS, choices, closest, field_names, names
 
 EXPECTED = (LabError, HydraException, OmegaConfBaseException)
@@ -19,13 +24,15 @@ def sentence(error: BaseException) -> str:
     for cause in _chain(error):
         if isinstance(cause, LabError):
             return _one_line(str(cause))
+        if isinstance(cause, OSError) and cause.errno in FULL:
+            return no_room(cause.filename or paths.ROOT)
         if isinstance(cause, ConfigKeyError | ConfigAttributeError):
             return _unknown_key(cause)
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
             text, raised, inner = str(cause.msg).splitlines()[0].partition(" raised while resolving interpolation: ")
             return inner if raised else f"{cause.full_key}: {text}"
         if isinstance(cause, OverrideParseException):
-            return _one_line(f"'{cause.override}' cannot be read as key=value: {cause.message}")
+            return _unreadable(cause)
     choice = re.search(r"(?:find|load) '([\w/]+)/([^/']+)'", str(error))
     if choice and isinstance(error, MissingConfigException):
         return _unknown(choice[2], choices(choice[1]), choice[1])
@@ -54,6 +61,33 @@ def _unknown_key(error: ConfigKeyError | ConfigAttributeError) -> str:
         if owners:
             return f"'{name}' is a field of {' and '.join(owners)}, which is not chosen: type that too."
     return _unknown(name, known, f"{place} field" if place else "choice or setting")
+
+
+def _unreadable(error: OverrideParseException) -> str:
+    """What Hydra's grammar does not take: text with signs in it has to be quoted."""
+    key, _, value = error.override.partition("=")
+    problem = _one_line(f"'{error.override}' cannot be read as key=value: {error.message}")
+    if not value or value[0] in "[{(\"'" or not re.fullmatch(r"[\w@/.+~-]+", key):
+        return problem
+    return f"'{error.override}' holds signs that mean something to Hydra: quote the value, {typed(key, value)}"
+
+
+def typed(key: str, value: object) -> str:
+    """How to type a setting whose value is text, quoted where Hydra's grammar or the shell needs it."""
+    text, parse = str(value), OverridesParser.create().parse_override
+    escaped = re.sub(r"(\\+)$", r"\1\1", re.sub(r"(\\*)'", r"\1\1\\'", text))
+    setting = f"{key}='{escaped}'"
+    with suppress(HydraException):
+        if parse(f"{key}={text}").value() == text:
+            setting = f"{key}={text}"
+    if re.fullmatch(r"[\w@%+=:,./~-]+", setting, re.ASCII):
+        return setting
+    return shlex.quote(setting) if re.search(r'["$`!]|\\(?=\\|$)', setting) else f'"{setting}"'
+
+
+def command(*choices: str, **settings: object) -> str:
+    """The command line with choices as they are and settings that are text."""
+    return " ".join(["python -m pgdl_lab", *choices, *(typed(key, value) for key, value in settings.items())])
 
 
 def _unknown(name: str, known: list[str], what: str) -> str:

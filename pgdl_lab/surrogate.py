@@ -22,6 +22,7 @@ from pgdl_lab.deploy.query import points_of, pressures_of
 from pgdl_lab.deploy.shapes import Shapes
 from pgdl_lab.errors import InputError
 from pgdl_lab.files import replacing
+from pgdl_lab.heard import WARNINGS
 
 FORMAT = "pgdl_lab surrogate"
 VERSION = 3
@@ -66,7 +67,8 @@ class Record:
     ranges
         Least and greatest training value: "x_mm", "z_mm" and "pressure_kpa".
     provenance
-        Where the training data come from.
+        Where the training data come from; "warnings" are sentences on what may be wrong with them and with the
+        training.
     history
         Entries of the loss history: "epoch", "seconds", "lr", "raw/<loss>", "weighted/<loss>", "share/<loss>".
     face
@@ -130,6 +132,11 @@ class Surrogate(ABC):
     def ranges(self) -> dict[str, list[float]]:
         """Least and greatest training value: "x_mm", "z_mm" and "pressure_kpa"."""
         return {name: list(bounds) for name, bounds in self.record.ranges.items()}
+
+    @property
+    def warnings(self) -> list[str]:
+        """What its simulation and its training warned of, in sentences."""
+        return list(self.record.provenance.get(WARNINGS, ()))
 
     @property
     def face(self) -> Face:
