@@ -62,9 +62,6 @@ class Hybrid(TrainedModel):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        known = [*names("fem"), "none"]
-        if self.guide not in known:
-            raise InputError(f"model.guide is '{self.guide}'; choose one of {', '.join(known)}.")
         for name, least in (("degree", 1), ("correction_degree", 0), ("rounds", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"model.{name} is {getattr(self, name)}; it must be at least {least}.")
@@ -79,6 +76,10 @@ class Hybrid(TrainedModel):
         from pgdl_lab.learning.linear import require_data
 
         require_data("hybrid", losses)  # for its closed form
+        # asked here, not when it is made: a robot that loads a surrogate has no finite elements
+        known = [*names("fem"), "none"]
+        if self.guide not in known:
+            raise InputError(f"model.guide is '{self.guide}'; choose one of {', '.join(known)}.")
         return {}
 
     def fit(self, training: Training) -> Surrogate:

@@ -1,4 +1,7 @@
+import json
 import logging
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -243,12 +246,30 @@ def test_its_closed_form_needs_data(tmp_path: Path) -> None:
         hybrid().fit(training(tmp_path, {"boundary": {}}))
 
 
+def test_a_guide_that_does_not_exist_is_refused_before_anything_is_simulated() -> None:
+    with pytest.raises(InputError, match="model.guide is 'rood'; choose one of calculix, rod, section, solid, none"):
+        hybrid(guide="rood").left_out({"data": plugin("loss", "data")()})
+
+
+def test_its_file_is_read_by_a_program_that_knows_no_finite_elements(
+    data: Snapshots, scene: Scene, tmp_path: Path
+) -> None:
+    surrogate = hybrid().fit(how(scene, some(data, 60), tmp_path))
+    assert surrogate.model["guide"] == "rod"
+    surrogate.save(tmp_path / "surrogate.pt")
+    robot = "import sys, pgdl_lab; print(pgdl_lab.load(sys.argv[1]).predict([[20.0, 0.0]], 10.0).tolist())"
+    done = subprocess.run(
+        [sys.executable, "-c", robot, str(tmp_path / "surrogate.pt")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == surrogate.predict([[20.0, 0.0]], 10.0).tolist()
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
         ({"correction_degree": 6}, "model.correction_degree is 6; it must not be above model.degree=5"),
         ({"correction_degree": -1}, "model.correction_degree is -1"),
-        ({"guide": "rood"}, "model.guide is 'rood'; choose one of calculix, rod, section, solid, none"),
         ({"degree": 0}, "model.degree is 0"),
         ({"rounds": -1}, "model.rounds is -1"),
         ({"dtype": "float32"}, "model.dtype of hybrid is float64"),
