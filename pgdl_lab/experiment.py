@@ -17,7 +17,7 @@ from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.loss import Loss
 from pgdl_lab.model import Model
-from pgdl_lab.registry import KINDS, PARTS, config_node, plugin, restored
+from pgdl_lab.registry import KINDS, PARTS, config_node, plugin, require_values, restored
 from pgdl_lab.snapshots import Observation
 from pgdl_lab.split import Split
 
@@ -128,9 +128,10 @@ def restore(path: Path) -> DictConfig:
     Raises
     ------
     InputError
-        If a plugin that it names is no longer there.
+        If a plugin that it names is no longer there, or it holds what is to be worked out.
     """
     stored: Any = OmegaConf.load(path)
+    require_values(OmegaConf.to_container(stored, resolve=False), path)
     for kind in KINDS:
         if kind == "loss":
             stored[kind] = {key: restored(kind, fields) for key, fields in stored[kind].items()}

@@ -15,13 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pgdl_lab.deploy import archive
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.inverse import Answer, Inverse
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.deploy.query import points_of, pressures_of
 from pgdl_lab.deploy.shapes import Shapes
 from pgdl_lab.errors import InputError
-from pgdl_lab.files import replacing
 from pgdl_lab.heard import WARNINGS
 
 FORMAT = "pgdl_lab surrogate"
@@ -56,6 +56,10 @@ class Face:
 
     mesh: FaceMesh
     base: NDArray[np.int64]
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a file holds of it."""
+        return {**asdict(self.mesh), "base": self.base}
 
 
 @dataclass(frozen=True)
@@ -276,25 +280,17 @@ class Surrogate(ABC):
         return max(low - more, 0.0) if low >= 0 else low - more, high + more
 
     def save(self, path: str | Path) -> None:
-        """Write the surrogate to `path`; the file appears there only when it is complete."""
-        import torch
-
-        def tensors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
-            return {name: torch.from_numpy(np.array(array, order="C")) for name, array in arrays.items()}
-
-        face, record = self.record.face, self.record
-        content = {
+        """Write the surrogate to `path`, in the safetensors format; the file appears there only when it is complete."""
+        record = self.record
+        about = {
             "format": FORMAT,
             "version": VERSION,
             "model": self.model,
-            "state": tensors(self.state()),
             "record": {"ranges": record.ranges, "provenance": record.provenance, "history": record.history},
-            "face": face and tensors({**asdict(face.mesh), "base": face.base}),
-            "provenance_hash": self.record.provenance_hash,
+            "provenance_hash": record.provenance_hash,
             "units": UNITS,
         }
-        with replacing(Path(path)) as temporary:
-            torch.save(content, temporary)
+        archive.write(Path(path), about, state=self.state(), face=record.face.arrays() if record.face else {})
 
     def _probed(self, points_mm: Floats) -> Probe:
         """The probe of these points, which are checked; that of the last ones is kept."""

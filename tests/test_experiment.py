@@ -88,6 +88,14 @@ def test_a_stored_plugin_that_is_gone_is_named(tmp_path: Path) -> None:
         experiment.restore(tmp_path / "config.yaml")
 
 
+def test_a_stored_configuration_calls_nothing(tmp_path: Path) -> None:
+    experiment.save(composed(), tmp_path / "config.yaml")
+    with (tmp_path / "config.yaml").open("a") as file:
+        file.write("note: ${oc.env:HOME}\n")
+    with pytest.raises(InputError, match=r"config.yaml holds the setting '\$\{oc.env:HOME\}': stored settings are"):
+        experiment.restore(tmp_path / "config.yaml")
+
+
 @pytest.mark.parametrize(
     ("name", "split", "form"),
     [

@@ -107,6 +107,9 @@ class NeuralModel(TrainedModel):
         from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 
         tensors = {name: torch.from_numpy(array) for name, array in state.items() if not name.startswith(STATE)}
-        field = self.stored_field(tensors)
-        field.load_state_dict(tensors)
+        if self.depth > len(tensors):
+            raise ValueError(f"model.depth is {self.depth}, and there are {len(tensors)} arrays")
+        with torch.device("meta"):  # however large a network the settings ask for, it takes no memory
+            field = self.stored_field(tensors)
+        field.load_state_dict(tensors, assign=True)
         return NeuralSurrogate(describe(self), record, field, LastLayer.restored(state))
