@@ -39,7 +39,7 @@ def main() -> None:
             scene = Scene.of(trial.finger, observed)
             with tempfile.TemporaryDirectory() as place:
                 surrogate = trial.model.fit(
-                    Training(
+                    Training.of(
                         Samples.of(observed, train), scene, trial.loss, replace(trial.trainer, progress=False),
                         trial.optimizer, trial.seed, Path(place), {},
                     )

@@ -90,7 +90,7 @@ def run(experiment: Experiment) -> dict[str, Any]:
     snapshots, *_ = cache.simulate(finger, experiment.fem, experiment.observation, paths.RUNS / "snapshots")
     train = experiment.split.train_points(snapshots, experiment.seed)
     with tempfile.TemporaryDirectory() as folder:
-        training = Training(
+        training = Training.of(
             Samples.of(snapshots, train), Scene.of(finger, snapshots), experiment.loss, experiment.trainer,
             experiment.optimizer, experiment.seed, Path(folder), {},
         )  # fmt: skip

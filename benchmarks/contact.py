@@ -26,6 +26,7 @@ from rich.table import Table
 from pgdl_lab import registry
 from pgdl_lab.composing import experiment
 from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.skin import sampled, skin
@@ -180,7 +181,7 @@ def draw(inflations: dict[str, Inflation], path: Path) -> None:
     axes[0].legend(loc="lower left")
     for axis, (mode, inflation) in zip(axes[1:], inflations.items(), strict=True):
         discretisation, displacement = inflation.model.discretisation, inflation.displacements[SHOWN]
-        surface = sampled(skin(discretisation), discretisation.positions, 8)
+        surface = collision_mesh(sampled(np.concatenate(skin(discretisation)), discretisation.positions, 8))
         outline = surface.edges[(surface.rest_positions[surface.edges][:, :, 1] < 1e-9).all(axis=1)]
         at = surface.displace_vertices(np.asfortranarray(displacement))[:, [0, 2]]
         axis.add_collection(LineCollection(list(at[outline]), colors="0.2", linewidths=1.2))

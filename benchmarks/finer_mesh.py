@@ -49,7 +49,7 @@ def main() -> None:
     print(f"{'the meshes themselves':<24}{'–':>24}{mse(coarse.displacements - fine.displacements):>24}")
     for name, snapshots in meshes.items():
         with tempfile.TemporaryDirectory() as folder:
-            training = Training(
+            training = Training.of(
                 Samples.of(snapshots, train), Scene.of(finger, snapshots), losses, TrainerSettings(progress=False),
                 OptimizerSettings(), 0, Path(folder), {},
             )  # fmt: skip

@@ -86,7 +86,7 @@ def trained(choices: list[str], snapshots: Snapshots, folder: Path) -> Surrogate
     folder.mkdir()
     chosen = experiment([*choices, "trainer.progress=false"])
     train = chosen.split.train_points(snapshots, 0)
-    training = Training(
+    training = Training.of(
         Samples.of(snapshots, train), Scene.of(chosen.finger, snapshots), {"data": chosen.loss["data"]},
         replace(chosen.trainer, max_epochs=1), chosen.optimizer, 0, folder, snapshots.provenance,
     )  # fmt: skip

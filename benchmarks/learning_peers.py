@@ -153,7 +153,7 @@ def _lab(
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         surrogate = model.fit(
-            Training(task.samples, task.scene, losses, trainer, rule, 0, Path(folder), {}, callbacks=callbacks)
+            Training.of(task.samples, task.scene, losses, trainer, rule, 0, Path(folder), {}, callbacks=callbacks)
         )
     return surrogate, time.perf_counter() - start
 

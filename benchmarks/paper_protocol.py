@@ -149,7 +149,7 @@ class Protocol:
     def batches(self, epoch: int) -> tuple[list[Tensor], list[Tensor]]:
         """The training points in the order of an epoch."""
         order = torch.randperm(len(self.inputs), generator=torch.Generator().manual_seed(epoch))
-        return list(self.inputs[order].split(BATCH)), list(self.targets[order].split(BATCH))
+        return list(torch.split(self.inputs[order], BATCH)), list(torch.split(self.targets[order], BATCH))
 
     def check(self) -> None:
         """Hold the loop against autograd with data and eq. (7), from the same weights on the same batches."""
@@ -170,7 +170,7 @@ class Protocol:
             jet = field.jet(field.coordinates(here[:, :2].double().numpy(), 2), here[:, 2], 2)
             wanted = targets * torch.from_numpy(self.span_mm).float() + torch.from_numpy(self.low_mm).float()
             adam.zero_grad()
-            (data.value(jet, wanted, self.scene) + physics.value(jet, wanted, self.scene)).backward()  # type: ignore[no-untyped-call]
+            (data.value(jet, wanted, self.scene) + physics.value(jet, wanted, self.scene)).backward()
             adam.step()
             with torch.no_grad():
                 ours.step(inputs, targets)

@@ -33,7 +33,7 @@ EVERY = 20  # every 20th snapshot is predicted: local interpolation of all takes
 
 def _plane(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
     """Training inputs (n, 3), and those (N, 3) of every predicted snapshot."""
-    samples = training.samples
+    samples = training.whole
     return _inputs(snapshots, snapshots.points, samples.points_mm, samples.pressures_kpa)
 
 
@@ -44,8 +44,8 @@ def _body(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats
     body = Triangulation(snapshots.points, snapshots.triangles)
     modes, values = body.modes(MODES)
     modes = modes * np.sqrt(values[0] / values)
-    corners, weights = body.locate(training.samples.points_mm)
-    return _inputs(snapshots, modes, np.einsum("nc,ncm->nm", weights, modes[corners]), training.samples.pressures_kpa)
+    corners, weights = body.locate(training.whole.points_mm)
+    return _inputs(snapshots, modes, np.einsum("nc,ncm->nm", weights, modes[corners]), training.whole.pressures_kpa)
 
 
 def _inputs(snapshots: Snapshots, place: Floats, trained: Floats, kpa: Floats) -> tuple[Floats, list[Floats]]:
@@ -61,7 +61,7 @@ def _fitted(inputs: Callable[..., tuple[Floats, list[Floats]]], regressor: Any) 
 
     def rule(training: Training, snapshots: Snapshots) -> Floats:
         trained, asked = inputs(training, snapshots)
-        regressor.fit(trained, training.samples.displacements_mm)
+        regressor.fit(trained, training.whole.displacements_mm)
         return np.stack([regressor.predict(each) for each in asked])
 
     return rule
@@ -69,7 +69,7 @@ def _fitted(inputs: Callable[..., tuple[Floats, list[Floats]]], regressor: Any) 
 
 def _rbf(training: Training, snapshots: Snapshots) -> Floats:
     trained, asked = _plane(training, snapshots)
-    interpolant = RBFInterpolator(trained, training.samples.displacements_mm, neighbors=50)
+    interpolant = RBFInterpolator(trained, training.whole.displacements_mm, neighbors=50)
     return np.stack([interpolant(each) for each in asked])
 
 
@@ -101,9 +101,9 @@ def main(fingers: list[str]) -> None:
         train = plugin("split", "random")().train_points(snapshots, 0)
         unseen = np.ones(snapshots.displacements.shape[:2], dtype=bool)
         unseen.flat[train] = False
-        training = Training(
-            Samples.of(snapshots, train), Scene.of(finger, snapshots), {}, TrainerSettings(), OptimizerSettings(), 0,
-            Path(), {},
+        training = Training.of(
+            Samples.of(snapshots, train), Scene.of(finger, snapshots), {"data": plugin("loss", "data")()},
+            TrainerSettings(), OptimizerSettings(), 0, Path(), {},
         )  # fmt: skip
         for title, rule in RULES.items():
             start = time.perf_counter()

@@ -49,7 +49,7 @@ def train(trial: Experiment) -> dict[str, Any]:
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as place:
         surrogate = trial.model.fit(
-            Training(
+            Training.of(
                 Samples.of(snapshots, points), scene, trial.loss, trial.trainer, trial.optimizer, trial.seed,
                 Path(place), {},
             )

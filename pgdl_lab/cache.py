@@ -12,9 +12,12 @@ from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
 from pgdl_lab.registry import describe
+from pgdl_lab.resultcheck import WARNINGS, doubts
 from pgdl_lab.snapshots import VERSION, DamagedSnapshots, Observation, Snapshots
 
 _log = logging.getLogger(__name__)
+
+STOPPED = "stopped"  # in the provenance: why a simulation ended before its highest pressure
 
 
 def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observation) -> Path:
@@ -56,32 +59,54 @@ def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -
         When `folder` cannot be written.
     SimulationStopped
         When the finger cannot bear the highest pressure; what converged is kept in a file of its own, named in the
-        message.
+        message, and found again like all other snapshots.
     """
     from filelock import FileLock
 
     path = snapshot_path(folder, finger, fem, observation)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(path.with_suffix(".lock"))
-        lock.acquire()
+        held = FileLock(path.with_suffix(".lock")).acquire()
     except OSError as error:
         raise LabError(f"{folder} cannot be written ({error.strerror}): free it or set PGDL_LAB_ROOT.") from error
-    with lock:
-        if path.exists():
+    with held:
+        kept, partial = _kept(path), path.with_name(f"{path.stem}-stopped.h5")
+        if kept is not None:
+            return kept, path, True
+        stopped = _kept(partial)
+        if stopped is None:
             try:
-                return Snapshots.load(path), path, True
-            except DamagedSnapshots as error:
-                aside = path.with_suffix(".damaged")
-                os.replace(path, aside)
-                _log.warning("%s It is set aside as %s, and the simulation is run again.", error, aside.name)
-        try:
-            snapshots = fem.simulate(finger, observation)
-        except SimulationStopped as stop:
-            if not len(stop.snapshots.pressures_kpa):
-                raise
-            partial = path.with_name(f"{path.stem}-stopped.h5")
-            stop.snapshots.save(partial)
-            raise SimulationStopped(f"{stop} What converged is kept in {partial}.", stop.snapshots) from None
-        snapshots.save(path)
-    return snapshots, path, False
+                snapshots = fem.simulate(finger, observation)
+            except SimulationStopped as stop:
+                stopped = stop.snapshots
+                stopped.provenance[STOPPED] = str(stop)
+                _warn(stopped, finger)
+                stopped.save(partial)
+            else:
+                _warn(snapshots, finger)
+                snapshots.save(path)
+                return snapshots, path, False
+        raise SimulationStopped(
+            f"{stopped.provenance[STOPPED]} What converged is kept in {partial}; delete it to try again.", stopped
+        )
+
+
+def _kept(path: Path) -> Snapshots | None:
+    """The snapshots at `path`; None if there are none that can be read, which are set aside."""
+    if not path.exists():
+        return None
+    try:
+        return Snapshots.load(path)
+    except DamagedSnapshots as error:
+        aside = path.with_suffix(".damaged")
+        os.replace(path, aside)
+        _log.warning("%s It is set aside as %s, and the simulation is run again.", error, aside.name)
+        return None
+
+
+def _warn(snapshots: Snapshots, finger: Finger) -> None:
+    """Tell what of finger and result may not be as meant; it goes with the snapshots."""
+    found = [*finger.doubts(), *doubts(snapshots, finger)]
+    for sentence in found:
+        _log.warning(sentence)
+    snapshots.provenance[WARNINGS] = [*snapshots.provenance.get(WARNINGS, []), *found]

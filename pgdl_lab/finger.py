@@ -17,6 +17,8 @@ from pgdl_lab.mechanics.profile import Profile
 if TYPE_CHECKING:
     from skfem import Mesh, MeshHex
 
+STANDARD_GRAVITY_M_S2 = 9.81
+
 
 @dataclass(frozen=True)
 class Finger(ABC):
@@ -72,6 +74,23 @@ class Finger(ABC):
 
     def files(self) -> Sequence[Path]:
         """Files that determine the finger together with its fields; results are kept under what is in them."""
+        return ()
+
+    def finer(self, edge_mm: float) -> str:
+        """What to do for a finer mesh than one with edges of `edge_mm` [mm], in words for a message."""
+        return f"lower fem.edge_mm={edge_mm:g}"
+
+    def whole(self) -> str:
+        """How to have both halves simulated, in words for a message.
+
+        A pull across of 1/10,000 of the weight makes a finger lean over that gives way sideways.
+        """
+        x, z = self.gravity_m_s2[0], self.gravity_m_s2[-1]
+        across = 1e-4 * (float(np.hypot(x, z)) or STANDARD_GRAVITY_M_S2)
+        return f"with a pull across that is next to nothing, finger.gravity_m_s2=[{x},{across:.3g},{z}]"
+
+    def doubts(self) -> Sequence[str]:
+        """What about the body may not be as meant, in sentences that go with every result."""
         return ()
 
     @abstractmethod

@@ -12,12 +12,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pgdl_lab.learning.data import Training
+    from pgdl_lab.loss import Loss
     from pgdl_lab.surrogate import Record, Surrogate
 
 
 @dataclass(frozen=True)
 class Model(ABC):
     """A rule that learns a surrogate; its fields are its hyperparameters."""
+
+    def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
+        """Terms of the loss that this model cannot use, and why; networks use all.
+
+        Raises
+        ------
+        InputError
+            When the model cannot do what these terms ask for.
+        """
+        return {}
 
     @abstractmethod
     def fit(self, training: Training) -> Surrogate:

@@ -10,6 +10,7 @@ from rich.console import Console
 from pgdl_lab import paths
 from pgdl_lab.assessment import yardstick as yardsticks
 from pgdl_lab.assessment.assess import Labels, assess
+from pgdl_lab.assessment.paper import comparable
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.cache import simulate
 from pgdl_lab.epoch_logger import EpochLogger
@@ -49,6 +50,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     experiment.split.check(observation.pressures_kpa(finger.max_kpa), observation.points)
     for loss in experiment.loss.values():
         loss.check(finger)
+    left_out = experiment.model.left_out(experiment.loss)
 
     start = time.perf_counter()
     snapshots, path, cached = simulate(finger, experiment.fem, observation, paths.RUNS / "snapshots")
@@ -61,9 +63,10 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     tracked.log_snapshots(snapshots, path)
 
     train = experiment.split.train_points(snapshots, seed)
+    selection = experiment.split.selection_points(snapshots, train, seed)
 
     start = time.perf_counter()
-    training = Training(
+    training = Training.of(
         samples=Samples.of(snapshots, train),
         scene=Scene.of(finger, snapshots),
         losses=experiment.loss,
@@ -74,7 +77,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         provenance=snapshots.provenance,
         logger=EpochLogger(tracked),
         balancing=experiment.balancing,
-        callbacks=trial.callbacks(folder),
+        callbacks=trial.callbacks(folder, Samples.of(snapshots, selection)),
     )
     try:
         surrogate = trained(experiment.model, training)
@@ -84,7 +87,7 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     surrogate.save(folder / "surrogate.pt")
     seconds["train"] = time.perf_counter() - start
     beside = experiment.yardstick
-    yardstick = yardsticks.measure(beside, training, snapshots, train) if beside else None
+    yardstick = yardsticks.measure(beside, training, snapshots, train, selection) if beside else None
 
     labels = Labels(
         finger=describe(finger)["name"],
@@ -92,9 +95,12 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         split=describe(experiment.split)["name"],
         model=describe(experiment.model)["name"],
         losses=list(experiment.loss),
+        left_out=left_out,
         seed=seed,
     )
-    assessment = assess(surrogate, snapshots, train, experiment.split, labels, seconds, folder, training, yardstick)
-    Console().print(closing_table(assessment.metrics, assessment.highlights))
+    parts = train, selection, experiment.split
+    assessment = assess(surrogate, snapshots, *parts, labels, seconds, folder, training, yardstick)
+    paper = comparable(finger, experiment.split)
+    Console().print(closing_table(assessment.metrics, assessment.highlights, paper))
     _log.info("Everything of this run is in %s", folder)
     return assessment.metrics

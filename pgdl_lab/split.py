@@ -11,10 +11,13 @@ from pgdl_lab.snapshots import Snapshots
 
 ROUNDING = 1e-9  # pressures are sums and products of floats: 0.88 · 50 kPa must include the snapshot at 44 kPa
 
+SELECTED = 2000  # points that a search selects by, at most: a training that it watches is not slowed down by them
+SELECTION = 2  # beside the seed: a random stream that nothing else draws from
+
 
 @dataclass(frozen=True)
 class Split(ABC):
-    """A rule that divides the points of all snapshots into training and test points.
+    """A rule that divides the points of all snapshots into training points, points to select by and test points.
 
     A point of the data is one node of one snapshot; point `i` is node `i % N` of snapshot `i // N`.
 
@@ -66,7 +69,7 @@ class Split(ABC):
             )
 
     def train_points(self, snapshots: Snapshots, seed: int) -> NDArray[np.int64]:
-        """Sorted indices (n,) of the training points, drawn evenly from the seen snapshots; the rest are test points.
+        """Sorted indices (n,) of the training points, drawn evenly from the seen snapshots.
 
         Raises
         ------
@@ -78,6 +81,25 @@ class Split(ABC):
         seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
         drawn = np.random.default_rng(seed).choice(len(seen) * nodes, self.points, replace=False)
         return np.sort(seen[drawn // nodes] * nodes + drawn % nodes)
+
+    def selection_points(self, snapshots: Snapshots, train: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+        """Sorted indices (m,) of points that a search selects by: neither trained on nor tested on.
+
+        They are a tenth of the points of the seen snapshots that are not trained on, at most `SELECTED`. Snapshots that
+        give no training points are left to the test as a whole: who selects by them knows what they look like.
+
+        Parameters
+        ----------
+        snapshots, seed
+            See `train_points`.
+        train
+            (n,), indices of the training points.
+        """
+        nodes = len(snapshots.points)
+        seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
+        others = np.setdiff1d((seen[:, None] * nodes + np.arange(nodes)).ravel(), train, assume_unique=True)
+        count = min(SELECTED, len(others) // 10)
+        return np.sort(np.random.default_rng([seed, SELECTION]).choice(others, count, replace=False))
 
 
 def nearest(pressures_kpa: NDArray[np.float64], wanted_kpa: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -1,6 +1,7 @@
 """Small fingers whose simulation takes a second."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from omegaconf import OmegaConf
 from skfem import MeshHex, MeshTet
 
 from pgdl_lab import paths, registry
+from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.material import Yeoh
@@ -49,3 +51,19 @@ def tetrahedra(mesh: MeshHex) -> MeshTet:
 def balloon() -> Finger:
     """A finger of neo-Hooke material that bursts far below its highest pressure."""
     return replace(pneunet(chambers=1, max_kpa=300.0), material=Yeoh(c2_mpa=0.0))
+
+
+def from_file(path: Path, **fields: Any) -> Finger:
+    """A finger from a mesh file, up to 1 kPa, or with other `fields`."""
+    finger: Finger = registry.plugin("finger", "mesh")(**{"path": str(path), "max_kpa": 1.0, **fields})
+    return finger
+
+
+def refusal(path: Path, **fields: Any) -> str:
+    """The one line with which a mesh file is refused."""
+    try:
+        from_file(path, **fields).mesh(1.0)
+    except InputError as error:
+        assert "\n" not in str(error)
+        return str(error)
+    raise AssertionError(f"{path} was taken")

@@ -9,12 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-
-def programs() -> Path | None:
-    """Folder of PostgreSQL's programs, which Debian keeps off the path; None where they are not installed."""
-    debian = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
-    found = str(debian[-1]) if debian else shutil.which("initdb")
-    return Path(found).parent if found else None
+from tests.needs import program
 
 
 @contextmanager
@@ -26,19 +21,19 @@ def server(*settings: str) -> Iterator[str]:
     settings
         Settings of the server, such as "fsync=off".
     """
-    place = programs()
-    assert place is not None
+    initdb = program("initdb")
+    assert initdb is not None
     with tempfile.TemporaryDirectory() as data:  # not in a folder of pytest, which every session closes to other users
         user: dict[str, Any] = {}
         if os.geteuid() == 0:  # the server refuses to run as root
             shutil.chown(data, "postgres", "postgres")
             user = {"user": "postgres", "group": "postgres", "cwd": "/"}
 
-        def call(program: str, *arguments: str) -> None:
-            command = [str(place / program), "-D", data, *arguments]
+        def call(name: str, *arguments: str) -> None:
+            command = [str(Path(initdb).with_name(name)), "-D", data, *arguments]
             done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **user)
             if done.returncode:
-                raise RuntimeError(f"{program} failed: {done.stdout}")
+                raise RuntimeError(f"{name} failed: {done.stdout}")
 
         call("initdb", "-A", "trust", "-U", "lab", "--no-sync")
         options = " ".join([f"-k {data} -c listen_addresses=''", *(f"-c {setting}" for setting in settings)])

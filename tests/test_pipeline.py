@@ -72,7 +72,7 @@ def test_a_run_leaves_what_it_promises(lab: Lab, tmp_path: Path) -> None:
         "seed": 3, "train_points": 500,
     }  # fmt: skip
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
-    assert metrics["points"] == metrics["train_points"] + metrics["test_points"]
+    assert metrics["points"] == sum(metrics[f"{part}_points"] for part in ("train", "selection", "test"))
     surrogate = pgdl_lab.load(folder / "surrogate.pt")
     assert surrogate.predict(np.zeros((4, 2)), [10.0, 20.0]).shape == (2, 4, 2)
     run = tracked(tmp_path, folder)
@@ -102,6 +102,19 @@ def test_a_split_that_cannot_be_made_is_refused_before_the_simulation(lab: Lab, 
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "simulations").exists()
     assert tracked(tmp_path, tmp_path / "runs" / "latest").info.status == "FAILED"
+
+
+def test_a_loss_that_a_model_cannot_use_is_refused_before_the_simulation_or_noted(lab: Lab, tmp_path: Path) -> None:
+    own = ["model=gaussian_process", "fem=made_up", "observation.snapshots=20", "observation.points=398"]
+    own += ["split.points=200", "model.points=50", "model.modes=4"]
+    refused = lab(*own, "loss=[boundary]")
+    assert refused.returncode == 1 and "loss=[boundary] does not count them" in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1 and not (tmp_path / "simulations").exists()
+    done = lab(*own, "loss=[data,boundary]")
+    assert done.returncode == 0, done.stderr
+    assert "model=gaussian_process leaves out loss boundary" in done.stdout + done.stderr
+    metrics = json.loads((tmp_path / "runs" / "latest" / "metrics.json").read_text())
+    assert metrics["left_out"] == {"boundary": "it is fitted to the data alone, clamped points too"}
 
 
 def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> None:

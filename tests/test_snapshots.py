@@ -171,6 +171,7 @@ def test_damaged_cache_is_set_aside_and_computed_again(tmp_path: Path, caplog: p
     path.write_bytes(path.read_bytes()[:500])
     snapshots, _, cached = simulate(pneunet(), fem, OBSERVATION, tmp_path)
     assert not cached
+    del snapshots.provenance["warnings"]  # what is said of made-up arrays
     assert_equal(snapshots, small())
     assert path.with_suffix(".damaged").stat().st_size == 500
     assert path.name in caplog.text and "run again" in caplog.text
@@ -222,6 +223,43 @@ def test_burst_keeps_what_converged(tmp_path: Path) -> None:
     limit, reached = snapshots.provenance["limit_kpa"], snapshots.provenance["equilibria_kpa"][-1]
     assert reached <= limit < 1.001 * reached and f"a maximum near {limit:.4g} kPa" in str(caught.value)
     assert not snapshot_path(tmp_path, balloon(), solid(), OBSERVATION).exists()
+
+
+@dataclass(frozen=True)
+class Stopping(Counting):
+    """Stops each time, with as many snapshots as it is told."""
+
+    name = "stopping"
+    converged: int = 2
+
+    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        whole = super().simulate(finger, observation)
+        kept = slice(0, self.converged)
+        found = replace(whole, pressures_kpa=whole.pressures_kpa[kept], displacements=whole.displacements[kept])
+        raise SimulationStopped(f"It stopped after {self.converged} snapshots.", found)
+
+
+@pytest.mark.parametrize("converged", [2, 0])
+def test_a_stopped_simulation_is_computed_once(converged: int, tmp_path: Path) -> None:
+    fem = Stopping(notes=str(tmp_path / "notes"), converged=converged)
+    told, pressures = [], []
+    for _ in range(2):
+        with pytest.raises(SimulationStopped, match=f"It stopped after {converged} snapshots. What converged") as stop:
+            simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+        told.append(str(stop.value))
+        pressures.append(stop.value.snapshots.pressures_kpa)
+    assert told[0] == told[1] and told[0].endswith("-stopped.h5; delete it to try again.")
+    np.testing.assert_array_equal(*pressures)
+    assert len(pressures[0]) == converged
+    assert len((tmp_path / "notes").read_text().split()) == 1
+    (kept,) = (tmp_path / "cache").glob("*-stopped.h5")
+    kept.write_bytes(kept.read_bytes()[:500])  # damaged, it is computed again
+    with pytest.raises(SimulationStopped):
+        simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+    kept.unlink()
+    with pytest.raises(SimulationStopped):
+        simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
+    assert len((tmp_path / "notes").read_text().split()) == 3
 
 
 @pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="root can write everywhere")

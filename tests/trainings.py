@@ -40,4 +40,4 @@ def training(folder: Path, losses: dict[str, Any], **changes: Any) -> Training:
         "folder": folder,
         "provenance": {"origin": "synthetic"},
     }
-    return Training(**{**defaults, **changes})
+    return Training.of(**{**defaults, **changes})

@@ -33,6 +33,8 @@ class Labels:
         Plugin names.
     losses
         Names of the loss terms.
+    left_out
+        Those that the model could not use, and why.
     seed
         The seed.
     """
@@ -42,6 +44,7 @@ class Labels:
     split: str
     model: str
     losses: list[str]
+    left_out: dict[str, str]
     seed: int
 
 
@@ -68,6 +71,7 @@ def assess(
     surrogate: Surrogate,
     snapshots: Snapshots,
     train: NDArray[np.int64],
+    selection: NDArray[np.int64],
     split: Split,
     labels: Labels,
     seconds: Mapping[str, float],
@@ -83,8 +87,8 @@ def assess(
         A trained model.
     snapshots
         The simulation.
-    train
-        (n,), indices of the training points.
+    train, selection
+        (n,) and (m,), indices of the training points and of those that a search selects by.
     split
         Tells which snapshots tables and base-line figures show.
     labels
@@ -101,16 +105,20 @@ def assess(
     start = time.perf_counter()
     predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
     bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
-    comparison = Comparison(snapshots, predicted, train, bars)
+    comparison = Comparison(snapshots, predicted, train, bars, selection)
     highlights = split.highlights(snapshots.pressures_kpa)
-    figures = draw(comparison, highlights, surrogate.record.history, folder / "figures")
+    units = {name: loss.unit for name, loss in training.losses.items()}
+    figures = draw(comparison, highlights, surrogate.record.history, units, folder / "figures")
+    terms = residuals(training.losses, training.scene, snapshots, predicted, highlights)
     metrics = {
         **asdict(labels),
         "points": predicted.shape[0] * predicted.shape[1],
         "train_points": len(train),
+        "selection_points": len(selection),
         "test_points": int(comparison.unseen.sum()),
         "seconds": {},
         "mse_mm2": comparison.mse_mm2(),
+        "selection_mm2": comparison.selection_mm2(),
         "error_bar": comparison.error_bar(),
         "by_pressure": comparison.by_pressure(),
         "extremes_mm": comparison.extremes_mm(),
@@ -118,7 +126,7 @@ def assess(
         "latency_ms": latency_ms(
             surrogate, snapshots.points, int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
         ),
-        "residuals": residuals(training.losses, training.scene, snapshots, predicted, highlights),
+        "residuals": {name: {**values, "unit": units[name]} for name, values in terms.items()},
         "yardstick": yardstick,
     }
     metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}

@@ -1,6 +1,6 @@
 """Simulated and predicted displacements of all snapshots, side by side."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -27,18 +27,22 @@ class Comparison:
         (n,), indices of the training points.
     bars_mm
         (P, N), the surrogate's own error bars [mm], or None if it has none.
+    selection
+        (m,), indices of the points that a search selects by, which count as seen.
     """
 
     snapshots: Snapshots
     predicted_mm: Floats
     train: NDArray[np.int64]
     bars_mm: Floats | None = None
+    selection: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @cached_property
     def unseen(self) -> NDArray[np.bool_]:
-        """(P, N), the points that were not trained on."""
+        """(P, N), the points that were neither trained on nor selected by."""
         mask = np.ones(self.predicted_mm.shape[:2], dtype=bool)
         mask.flat[self.train] = False
+        mask.flat[self.selection] = False
         return mask
 
     @cached_property
@@ -55,6 +59,13 @@ class Comparison:
     def mse_mm2(self) -> dict[str, float]:
         """Mean squared error of each component over all unseen points [mm²]."""
         x, z = (self.error_mm[self.unseen] ** 2).mean(axis=0)
+        return {"x": float(x), "z": float(z)}
+
+    def selection_mm2(self) -> dict[str, float] | None:
+        """Mean squared error of each component over the points that a search selects by [mm²]; None without any."""
+        if not len(self.selection):
+            return None
+        x, z = (self.error_mm.reshape(-1, 2)[self.selection] ** 2).mean(axis=0)
         return {"x": float(x), "z": float(z)}
 
     def error_bar(self) -> dict[str, float] | None:

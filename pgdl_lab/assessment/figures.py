@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,11 +25,17 @@ STYLE: Any = {
     "savefig.dpi": 200,
 }
 COMPONENTS = (("x", "$u_x$"), ("z", "$u_z$"))
-TRAINED = "0.9"  # grey of the training range
+TRAINED = "0.75"  # grey of the training range
+WIDTH = 9.0  # of figures that take a whole page [inches]
+SLENDER = 1.6  # times as wide as high: panels stand below each other, else side by side
 
 
 def draw(
-    comparison: Comparison, highlights: NDArray[np.int64], history: list[dict[str, float]], folder: Path
+    comparison: Comparison,
+    highlights: NDArray[np.int64],
+    history: list[dict[str, float]],
+    units: Mapping[str, str],
+    folder: Path,
 ) -> list[Path]:
     """Write all figures to `folder`.
 
@@ -41,6 +47,8 @@ def draw(
         Indices of the snapshots whose base lines are shown.
     history
         Entries of the loss history, see `Record`; an empty one gives no such figure.
+    units
+        Units of the loss terms by their names.
     folder
         Where the PNG files go.
     """
@@ -50,7 +58,7 @@ def draw(
         **{f"field_{axis}": _field_figure(comparison, i) for i, (axis, _) in enumerate(COMPONENTS)},
         "base_lines": _base_lines(comparison, highlights),
         "mse_over_pressure": _mse_over_pressure(comparison),
-        **({"loss_history": _loss_history(history)} if history else {}),
+        **({"loss_history": _loss_history(history, units)} if history else {}),
     }
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
@@ -85,20 +93,33 @@ def _field_figure(comparison: Comparison, component: int) -> Callable[[], Figure
             ("surrogate", predicted, both[1], symbol, "viridis", (low, high)),
             ("surrogate − FEM", fem, error, f"Δ{symbol}", "RdBu_r", (-bound, bound)),
         )
-        figure, axes = _new(1, 3, 13, 6.5, sharex=True, sharey=True)
+        width, height = np.ptp(snapshots.points + fem, axis=0)
+        slender = width > SLENDER * height
+        rows, columns, beside = (3, 1, 0.7) if slender else (1, 3, 1.6)  # inches for title and colour bar
+        panel = 0.8 * WIDTH / columns * height / width
+        figure, axes = _new(rows, columns, WIDTH, rows * (panel + beside), sharex=True, sharey=True)
         for axis, (title, shift, values, label, colours, (least, most)) in zip(axes, panels, strict=True):
             x, z = (snapshots.points + shift).T
             shown = axis.tripcolor(
                 x, z, snapshots.triangles, values, shading="gouraud", cmap=colours, vmin=least, vmax=most
             )
-            figure.colorbar(shown, ax=axis, label=f"{label} [mm]", location="bottom", shrink=0.9)
-            axis.set_title(f"{title}\nmin {values.min():.4g}, max {values.max():.4g} mm")
-            axis.set(xlabel="x [mm]", aspect="equal")
-        axes[0].set_ylabel("z [mm]")
+            bar = figure.colorbar(shown, ax=axis, label=f"{label} [mm]", location="right" if slender else "bottom")
+            bar.ax.locator_params(nbins=4)
+            bar.ax.ticklabel_format(scilimits=(-3, 4))
+            axis.set_title(f"{title}\n{_range(values)} mm")
+            axis.set(aspect="equal")
+        for axis in axes[-1:] if slender else axes:
+            axis.set_xlabel("x [mm]")
+        for axis in axes if slender else axes[:1]:
+            axis.set_ylabel("z [mm]")
         figure.suptitle(f"{symbol} at {snapshots.pressures_kpa[-1]:g} kPa on the deformed shape")
         return figure
 
     return build
+
+
+def _range(values: NDArray[np.float64]) -> str:
+    return f"{values.min():.3g} … {values.max():.3g}".replace("-", "−")
 
 
 def _base_lines(comparison: Comparison, highlights: NDArray[np.int64]) -> Callable[[], Figure]:
@@ -107,7 +128,7 @@ def _base_lines(comparison: Comparison, highlights: NDArray[np.int64]) -> Callab
     def build() -> Figure:
         from matplotlib import colormaps
 
-        figure, axis = _new(1, 1, 6.5, 5.5)
+        figure, axis = _new(1, 1, 6.5, 5)
         colours = colormaps["viridis"](np.linspace(0, 0.85, len(highlights)))
         for snapshot, colour in zip(highlights, colours, strict=True):
             fem, surrogate = comparison.base_lines_mm(int(snapshot))
@@ -117,6 +138,7 @@ def _base_lines(comparison: Comparison, highlights: NDArray[np.int64]) -> Callab
         axis.plot([], [], color="0.3", linewidth=3, alpha=0.45, label="FEM")
         axis.plot([], [], color="0.3", linestyle="--", label="surrogate")
         axis.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal", title="Deformed base line")
+        axis.set_adjustable("datalim")  # a finger that bends little would leave a strip
         axis.legend(loc="center left", bbox_to_anchor=(1, 0.5))
         return figure
 
@@ -124,16 +146,17 @@ def _base_lines(comparison: Comparison, highlights: NDArray[np.int64]) -> Callab
 
 
 def _mse_over_pressure(comparison: Comparison) -> Callable[[], Figure]:
-    """Mean squared error of each snapshot, training range shaded (the paper's Fig. 7)."""
+    """Error of each snapshot in mm, and in the paper's mm²; pressures trained on are marked (the paper's Fig. 7)."""
 
     def build() -> Figure:
         rows = comparison.by_pressure()
         kpa = np.array([row["kpa"] for row in rows])
         figure, axis = _new(1, 1, 6.5, 4)
         for (component, symbol), line in zip(COMPONENTS, ("-", "--"), strict=True):
-            axis.semilogy(kpa, [row[f"mse_{component}_mm2"] for row in rows], line, label=symbol)
-        _shade_training(axis, kpa, comparison.seen_snapshots())
-        axis.set(xlabel="pressure [kPa]", ylabel="MSE over unseen points [mm²]", xlim=(0, kpa[-1]))
+            axis.semilogy(kpa, [row[f"mse_{component}_mm2"] ** 0.5 for row in rows], line, label=symbol)
+        _mark_training(axis, kpa, comparison.seen_snapshots())
+        axis.set(xlabel="pressure [kPa]", ylabel="RMS error over unseen points [mm]", xlim=(0, kpa[-1]))
+        axis.secondary_yaxis("right", functions=(np.square, np.sqrt)).set_ylabel("mean squared error [mm²]")
         axis.set_title("Error over pressure")
         axis.grid(alpha=0.3)
         axis.legend()
@@ -142,16 +165,17 @@ def _mse_over_pressure(comparison: Comparison) -> Callable[[], Figure]:
     return build
 
 
-def _shade_training(axis: Axes, kpa: NDArray[np.float64], seen: NDArray[np.bool_]) -> None:
-    """Shade each run of snapshots that gave training points, half a step beyond its ends."""
+def _mark_training(axis: Axes, kpa: NDArray[np.float64], seen: NDArray[np.bool_]) -> None:
+    """Mark at the lower edge each run of snapshots that gave training points, half a step beyond its ends."""
     half = np.diff(kpa).min() / 2 if len(kpa) > 1 else 1.0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(int)))
     for number, (start, stop) in enumerate(edges.reshape(-1, 2)):
         label = "trained on" if number == 0 else None
-        axis.axvspan(kpa[start] - half, kpa[stop - 1] + half, color=TRAINED, zorder=0, label=label)
+        span = kpa[start] - half, kpa[stop - 1] + half
+        axis.axvspan(*span, ymax=0.03, color=TRAINED, lw=0, zorder=0, label=label)
 
 
-def _loss_history(history: list[dict[str, float]]) -> Callable[[], Figure]:
+def _loss_history(history: list[dict[str, float]], units: Mapping[str, str]) -> Callable[[], Figure]:
     """Raw and weighted terms of the loss and their shares of the gradient."""
 
     def build() -> Figure:
@@ -161,7 +185,11 @@ def _loss_history(history: list[dict[str, float]]) -> Callable[[], Figure]:
         panels = (("raw", "value of the term"), ("weighted", "weight × value"), ("share", "share of the gradient norm"))
         for axis, (key, label) in zip(axes, panels, strict=True):
             for name in names:
-                axis.plot(seconds, [entry[f"{key}/{name}"] for entry in history], label=name)
+                axis.plot(
+                    seconds,
+                    [entry[f"{key}/{name}"] for entry in history],
+                    label=f"{name} [{units[name]}]" if units.get(name) else name,
+                )
             axis.set(xlabel="training time [s]", ylabel=label)
             axis.grid(alpha=0.3)
             if key == "share":
@@ -169,8 +197,7 @@ def _loss_history(history: list[dict[str, float]]) -> Callable[[], Figure]:
             elif any(entry[f"{key}/{name}"] > 0 for entry in history for name in names):
                 axis.set_yscale("log")
         axes[0].legend()
-        units = "data and boundary in mm², residuals in (N/mm³)²"
-        figure.suptitle(f"Loss history ({units})")
+        figure.suptitle("Loss history")
         return figure
 
     return build

@@ -6,6 +6,10 @@ are not the ones simulated here to the last dimension, so displacements compare 
 
 from dataclasses import dataclass, field
 
+from pgdl_lab.finger import Finger
+from pgdl_lab.registry import describe
+from pgdl_lab.split import Split
+
 Extremes = dict[str, tuple[float, float]]
 
 
@@ -41,5 +45,17 @@ PUBLISHED: dict[tuple[str, str], Published] = {
 
 
 def published(finger: str, split: str) -> Published:
-    """The paper's figures for a finger and a split; empty where it has none."""
+    """The paper's figures for its own finger and split of these names; empty where it has none."""
     return PUBLISHED.get((finger, split), Published())
+
+
+def comparable(finger: Finger, split: Split) -> Published:
+    """The paper's figures that ours may stand beside.
+
+    None beside another finger than the paper's or other pressures: all values must be the defaults of its plugin. Of
+    the paper's surrogate none beside another split, which trains on other points.
+    """
+    found = published(describe(finger)["name"], describe(split)["name"])
+    if found == Published() or finger != type(finger)():
+        return Published()
+    return found if split == type(split)() else Published(fem_mm=found.fem_mm)

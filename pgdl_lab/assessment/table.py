@@ -1,4 +1,4 @@
-"""The closing table in the terminal: our figures beside the paper's."""
+"""The closing table in the terminal: our figures, and beside those of the paper's fingers the paper's."""
 
 from typing import Any
 
@@ -8,10 +8,10 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from pgdl_lab.assessment.paper import Published, published
+from pgdl_lab.assessment.paper import Published
 
 
-def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Group:
+def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Published) -> Group:
     """Tables of the errors at the highlighted snapshots, beside a yardstick's, and of the highest pressure's extremes.
 
     Parameters
@@ -20,8 +20,9 @@ def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Gro
         The content of metrics.json.
     highlights
         Indices of the snapshots that are listed.
+    paper
+        The paper's figures; where it has none there is no column for them.
     """
-    paper = published(metrics["finger"], metrics["split"])
     beside = [_beside(metrics, highlights)] if metrics["yardstick"] or metrics["error_bar"] else []
     parts = [_errors(metrics, highlights, paper), *beside, _residuals(metrics), _extremes(metrics, paper)]
     return Group(*parts, _times(metrics))
@@ -30,20 +31,24 @@ def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Gro
 def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Published) -> Table:
     scene = f"{metrics['finger']}, split {metrics['split']}, model {metrics['model']}"
     table = Table(title=f"{scene}: MSE over unseen points")
-    for heading in ("pressure [kPa]", "trained on", "x [mm²]", "paper", "z [mm²]", "paper", "max |error| [mm]"):
+    theirs = ["paper"] if paper.mse_mm2 else []
+    for heading in ("pressure [kPa]", "trained on", "x [mm²]", *theirs, "z [mm²]", *theirs, "max |error| [mm]"):
         table.add_column(Text(heading), justify="right")  # as text: units in brackets would be read as markup
+
+    def add(kpa: str, seen: str, x: float, z: float, most: float, known: tuple[str, str] = ("–", "–")) -> None:
+        paper_x, paper_z = ([text] if theirs else [] for text in known)
+        table.add_row(kpa, seen, f"{x:.2e}", *paper_x, f"{z:.2e}", *paper_z, f"{most:.3g}")
+
     highest = metrics["by_pressure"][-1]["kpa"]
     for snapshot in highlights:
         row = metrics["by_pressure"][snapshot]
         share = row["kpa"] / highest
-        theirs = next((text for known, text in paper.mse_mm2.items() if abs(share - known) < 5e-3), ("–", "–"))
-        table.add_row(
-            f"{row['kpa']:g}", "yes" if row["seen"] else "no",
-            f"{row['mse_x_mm2']:.2e}", theirs[0], f"{row['mse_z_mm2']:.2e}", theirs[1], f"{row['max_abs_mm']:.3g}",
-        )  # fmt: skip
-    mse, most = metrics["mse_mm2"], max(row["max_abs_mm"] for row in metrics["by_pressure"])
+        known = next((texts for each, texts in paper.mse_mm2.items() if abs(share - each) < 5e-3), ("–", "–"))
+        errors = row["mse_x_mm2"], row["mse_z_mm2"], row["max_abs_mm"]
+        add(f"{row['kpa']:g}", "yes" if row["seen"] else "no", *errors, known)
     table.add_section()
-    table.add_row("all", "", f"{mse['x']:.2e}", "–", f"{mse['z']:.2e}", "–", f"{most:.3g}")
+    mse, most = metrics["mse_mm2"], max(row["max_abs_mm"] for row in metrics["by_pressure"])
+    add("all", "", mse["x"], mse["z"], most)
     return table
 
 
@@ -77,21 +82,25 @@ def _residuals(metrics: dict[str, Any]) -> Table:
     for heading in ("", "FEM, the floor", "surrogate", "no displacement"):
         table.add_column(Text(heading), justify="right")
     for name, of in metrics["residuals"].items():
-        table.add_row(name, *(f"{of[who]:.2e}" for who in ("fem", "surrogate", "rest")))
+        unit = f" [{of['unit']}]" if of.get("unit") else ""
+        table.add_row(Text(name + unit), *(f"{of[who]:.2e}" for who in ("fem", "surrogate", "rest")))
     return table
 
 
 def _extremes(metrics: dict[str, Any], paper: Published) -> Table:
     table = Table(title=f"Displacement at {metrics['by_pressure'][-1]['kpa']:g} kPa, least and greatest")
-    for heading in ("", "FEM [mm]", "paper's FEA [mm]", "surrogate [mm]", "paper's PGDL [mm]"):
-        table.add_column(Text(heading), justify="right")
     ours = metrics["extremes_mm"]
+    columns: dict[str, Any] = {
+        "FEM [mm]": ours["fem"],
+        "paper's FEA [mm]": paper.fem_mm,
+        "surrogate [mm]": ours["surrogate"],
+        "paper's PGDL [mm]": paper.surrogate_mm,
+    }
+    shown = {heading: extremes for heading, extremes in columns.items() if extremes}
+    for heading in ("", *shown):
+        table.add_column(Text(heading), justify="right")
     for axis in "xz":
-        table.add_row(
-            f"u_{axis}",
-            _range(ours["fem"][axis]), _range(paper.fem_mm.get(axis)),
-            _range(ours["surrogate"][axis]), _range(paper.surrogate_mm.get(axis)),
-        )  # fmt: skip
+        table.add_row(f"u_{axis}", *(_range(extremes.get(axis)) for extremes in shown.values()))
     return table
 
 

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.learning.data import Training
+from pgdl_lab.learning.linear import DATA
 from pgdl_lab.model import Model
-from pgdl_lab.registry import describe
+from pgdl_lab.registry import describe, plugin
 from pgdl_lab.snapshots import Snapshots
 
 
-def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArray[np.int64]) -> dict[str, Any]:
+def measure(
+    model: Model, training: Training, snapshots: Snapshots, train: NDArray[np.int64], selection: NDArray[np.int64]
+) -> dict[str, Any]:
     """Errors of `model` on the same training points.
 
     Parameters
@@ -22,22 +25,24 @@ def measure(model: Model, training: Training, snapshots: Snapshots, train: NDArr
     model
         The yardstick.
     training
-        The training of the chosen model; of its losses only the data count here.
+        The training of the chosen model; whatever its losses are, only the data count here.
     snapshots
         The simulation.
-    train
-        (n,), indices of the training points.
+    train, selection
+        (n,) and (m,), indices of the training points and of those that a search selects by.
 
     Returns
     -------
     "model", "seconds", and "mse_mm2" and "by_pressure" as in metrics.json.
     """
     start = time.perf_counter()
-    data = {name: loss for name, loss in training.losses.items() if loss.order == 0}
-    alone = replace(training, losses=data, folder=training.folder / "yardstick", logger=None, callbacks=())
+    alone = replace(
+        training, losses={DATA: plugin("loss", DATA)()}, folder=training.folder / "yardstick", logger=None, callbacks=()
+    )
     surrogate = model.fit(alone)
     seconds = time.perf_counter() - start
-    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa), train)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
+    comparison = Comparison(snapshots, predicted, train, selection=selection)
     return {
         "model": describe(model)["name"],
         "seconds": seconds,

@@ -124,7 +124,7 @@ class Bench:
         """A surrogate trained as `how` says on the data of this bench, and the time it took [s]."""
         own = self.experiment
         with tempfile.TemporaryDirectory() as folder:
-            training = Training(
+            training = Training.of(
                 Samples.of(self.data, self.train),
                 Scene.of(own.finger, self.data),
                 how.loss,

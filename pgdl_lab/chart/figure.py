@@ -1,6 +1,7 @@
 """The chart as a figure: error over time, log-log, the Pareto front marked and every point labelled."""
 
 import itertools
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,10 @@ from pgdl_lab.chart.point import TIE_ERROR, TIE_TIME, Point, pareto
 from pgdl_lab.chart.reference import Errors
 from pgdl_lab.files import replacing
 
-LOOKS = {"finite elements": ("C0", "s"), "surrogate": ("C1", "o"), "table": ("C2", "D")}
-OTHER = ("C3", "^")
+# Colour, marker and size; the table is drawn largest and first, as it often lies under the surrogate made from it.
+LOOKS = {"table": ("C2", "D", 11), "finite elements": ("C0", "s", 7), "surrogate": ("C1", "o", 6)}
+LINE = 110  # characters that fit across the figure
+OTHER = ("C3", "^", 7)
 
 
 def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int, path: Path) -> None:
@@ -39,7 +42,7 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
         ("time to train (s)", lambda point: point.train_s, [point for point in points if point.train_s > 0]),
         (f"simulate + train + {queries:,} queries (s)", lambda point: point.end_to_end_s(queries), list(points)),
     ]
-    figure, axes = plt.subplots(1, 3, figsize=(16, 7), layout="constrained", sharey=True)
+    figure, axes = plt.subplots(3, 1, figsize=(9, 12), layout="constrained", sharey=True)
     for axis, (label, seconds, shown) in zip(axes, panels, strict=True):
         axis.set(xscale="log", yscale="log", xlabel=label)
         _panel(axis, shown, seconds)
@@ -53,9 +56,9 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
     # a table of the data themselves would stretch the axis down to nothing
     least = [point.surrogate.rms_mm for point in points if point.surrogate and point.kind == "surrogate"]
     axes[0].set_ylim(min([uncertainty.rms_mm, *least]) / 3, None)
-    axes[0].set_ylabel("RMS error of the displacement (mm)")
-    for kind, (colour, marker) in LOOKS.items():
-        axes[0].plot([], [], marker, color=colour, label=kind)
+    figure.supylabel("RMS error of the displacement (mm)")
+    for kind, (colour, marker, size) in LOOKS.items():
+        axes[0].plot([], [], marker, color=colour, ms=size, label=kind)
     axes[0].plot([], [], "o", color="0.4", mfc="white", label="the surrogate's own part")
     axes[0].plot([], [], color="0.3", lw=1, drawstyle="steps-post", label="Pareto front")
     axes[0].fill_between([], [], color="0.85", label="uncertainty of the reference")
@@ -63,10 +66,10 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
         [],
         [],
         " ",
-        label=f"bold: on the front, shared within {TIE_TIME - 1:.0%} of the time and {TIE_ERROR - 1:.0%} of the error",
+        label=f"bold: on the front within {TIE_TIME - 1:.0%} of time, {TIE_ERROR - 1:.0%} of error",
     )
-    figure.legend(loc="outside lower center", ncols=7, frameon=False, title=_missing(points))
-    figure.suptitle(title)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, title=_missing(points))
+    figure.suptitle(_wrapped(title), fontsize="medium")
     figure.canvas.draw()  # the layout has to stand before there is room to look for
     figure.set_layout_engine("none")
     for axis, (_, seconds, shown) in zip(axes, panels, strict=True):
@@ -80,7 +83,11 @@ def draw(points: Sequence[Point], uncertainty: Errors, title: str, queries: int,
 def _missing(points: Sequence[Point]) -> str:
     """What is not shown, and why; failures are counted too."""
     failed = [f"{point.label}: {point.failed.partition(':')[0].partition(' (')[0]}" for point in points if point.failed]
-    return "Not shown: " + "; ".join(failed) if failed else ""
+    return _wrapped("Not shown: " + "; ".join(failed)) if failed else ""
+
+
+def _wrapped(text: str) -> str:
+    return "\n".join(textwrap.wrap(text, LINE))
 
 
 def _panel(panel: Any, points: list[Point], seconds: Callable[[Point], float]) -> None:
@@ -88,16 +95,16 @@ def _panel(panel: Any, points: list[Point], seconds: Callable[[Point], float]) -
     heights = [(seconds(point), point.total.rms_mm) for point in front if point.total]
     if heights:
         panel.step(*zip(*heights, strict=True), where="post", color="0.3", lw=1, zorder=1)
-    for point in points:
+    for point in sorted(points, key=lambda point: -LOOKS.get(point.kind, OTHER)[2]):
         if point.total is None:
             continue
-        (colour, marker), x = LOOKS.get(point.kind, OTHER), seconds(point)
+        (colour, marker, size), x = LOOKS.get(point.kind, OTHER), seconds(point)
         if point.surrogate:
             panel.plot([x, x], [point.total.rms_mm, point.surrogate.rms_mm], color=colour, lw=0.6, alpha=0.6)
             panel.plot(x, point.surrogate.rms_mm, marker, color=colour, mfc="white", ms=4)
         best = point in front
         panel.plot(
-            x, point.total.rms_mm, marker, color=colour, ms=8 if best else 6, mec="black" if best else "white",
+            x, point.total.rms_mm, marker, color=colour, ms=size + 2 * best, mec="black" if best else "white",
             mew=1.2 if best else 0.6, alpha=0.85,
         )  # fmt: skip
 
@@ -110,7 +117,7 @@ def _label(panel: Any, points: list[Point], seconds: Callable[[Point], float]) -
     for one, other in itertools.pairwise(corners):
         lines += [(one, (other[0], one[1])), ((other[0], one[1]), other)]
     labels = [
-        panel.text(*at, point.label, fontsize=8, weight="bold" if point in front else "normal")
+        panel.text(*at, point.label, fontsize=9, weight="bold" if point in front else "normal")
         for at, point in zip(places, points, strict=True)
     ]
     place(panel, places, labels, lines)

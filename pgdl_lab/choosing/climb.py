@@ -22,6 +22,7 @@ from pgdl_lab.experiment import Experiment
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.memory import TooLarge
 from pgdl_lab.registry import describe, plugin
 from pgdl_lab.snapshots import Snapshots
 
@@ -199,7 +200,11 @@ class Climb:
                     self._give_up(f"a finer mesh would take {took:.0f} s more")
                     return
                 fem = self._solid(factor, estimate_error=factor >= self.settings.estimated, **self._plain)
-                after = self._simulate(choice.finger, fem)
+                try:
+                    after = self._simulate(choice.finger, fem)
+                except TooLarge as error:
+                    self._give_up(str(error))
+                    return
                 seconds = after.provenance["seconds"]
                 steps = meshes[number - 1] / factor
                 expected = largest(after.displacements - before.displacements) / (steps**ORDER - 1)

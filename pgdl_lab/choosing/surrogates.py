@@ -70,7 +70,7 @@ def _trial(
     began = time.perf_counter()
     try:
         with tempfile.TemporaryDirectory() as folder:
-            training = Training(
+            training = Training.of(
                 Samples.of(snapshots, train),
                 Scene.of(choice.finger, snapshots),
                 experiment.loss,

@@ -10,7 +10,7 @@ from typing import Any
 from pgdl_lab.errors import InputError
 
 RULES = ("fixed", "gradient_norm", "relobralo")
-LOOKBACK = 0.01  # probability with which relobralo looks back to the first losses instead of its last factors
+LOOKBACK = 0.01  # probability with which relobralo puts what it finds against the first losses for its last factors
 
 
 @dataclass(frozen=True)
@@ -80,13 +80,15 @@ class Balancer:
     def by_progress(self, values: Mapping[str, float], draw: float) -> None:
         """Adjust by the unweighted terms: that which has fallen least since the last time gets the largest factor.
 
-        R. Bischof & M. Kraus, Multi-objective loss balancing for physics-informed deep learning, 2021, with
-        temperature 1. Now and then, where a `draw` from 0 … 1 is small, the first values are looked back to: slow
-        drifts are not lost.
+        λ ← α λ' + (1 − α) λ̂(t, t − 1), with α the `memory` and λ̂(t, s) the shares by the terms of times t and s. λ' is
+        the last λ or, where a `draw` from 0 … 1 is small, λ̂(t, 0), so that slow drifts are not lost (R. Bischof & M.
+        Kraus, Multi-objective loss balancing for physics-informed deep learning, 2021, with temperature 1).
         """
         felt = {name: value for name, value in values.items() if value > 0 and math.isfinite(value)}
         if self._last and felt:
-            for name, share in self._shares(felt, self._first if draw < LOOKBACK else self._last).items():
+            past = self._shares(felt, self._first) if draw < LOOKBACK else self.factors
+            for name, share in self._shares(felt, self._last).items():
+                self.factors[name] = past[name]
                 self._move(name, share)
         self._last = dict(felt)
         self._first = {**self._last, **self._first}

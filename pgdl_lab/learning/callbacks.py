@@ -15,10 +15,10 @@ from pgdl_lab.learning.module import TrainingModule
 
 
 class Checkpoint(callbacks.Checkpoint):
-    """Writes `path` at the end of an epoch, when the last time is `every_s` ago, and at the end of the training.
+    """Writes `path` at the end of a step, when the last time is `every_s` ago, and at the end of the training.
 
     The file is written to a temporary name and renamed, so that a kill at any time leaves a whole one. Being of
-    Lightning's kind of checkpoint callback, this one runs after the module has checked and recorded the epoch.
+    Lightning's kind of checkpoint callback, this one runs after the module has checked and recorded an epoch.
 
     Parameters
     ----------
@@ -26,27 +26,30 @@ class Checkpoint(callbacks.Checkpoint):
         The checkpoint file.
     every_s
         Time between checkpoints [s].
-    identity
-        What a training must agree on to resume from this checkpoint (JSON types).
     """
 
-    def __init__(self, path: Path, every_s: float, identity: dict[str, Any]) -> None:
+    def __init__(self, path: Path, every_s: float) -> None:
         self.path = path
         self.every_s = every_s
-        self.identity = identity
         self._written_s = time.monotonic()
 
+    def on_train_batch_end(
+        self, trainer: pl.Trainer, pl_module: pl.LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        assert isinstance(pl_module, TrainingModule)
+        if pl_module.within_epoch:  # else there is still something to do at its end
+            self._write(trainer, last=trainer.should_stop)
+
     def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
-        last = trainer.should_stop or trainer.current_epoch + 1 >= (trainer.max_epochs or 0)
+        assert isinstance(pl_module, TrainingModule)
+        if not pl_module.within_epoch:  # else it was cut, and that is written
+            self._write(trainer, last=trainer.should_stop or trainer.current_epoch + 1 >= (trainer.max_epochs or 0))
+
+    def _write(self, trainer: pl.Trainer, last: bool) -> None:
         if last or time.monotonic() - self._written_s >= self.every_s:
             with replacing(self.path) as temporary:
                 trainer.save_checkpoint(temporary)
             self._written_s = time.monotonic()
-
-    def on_save_checkpoint(
-        self, trainer: pl.Trainer, pl_module: pl.LightningModule, checkpoint: dict[str, Any]
-    ) -> None:
-        checkpoint["identity"] = self.identity
 
 
 class ProgressBar(pl.Callback):

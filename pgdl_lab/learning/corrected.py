@@ -95,6 +95,16 @@ class CorrectedField(Field):
             columns.append(2 * t * columns[-1] - columns[-2])
         return torch.stack(columns, dim=-1)
 
+    @property
+    def corrects(self) -> bool:
+        """Whether the network adds anything to the closed form."""
+        return any(bool(weight.any()) for weight in self.deep[-1].parameters())
+
+    def prior(self) -> Prior:
+        """What the closed form was found with, if all its modes are here."""
+        amplitudes = self.amplitudes.cpu().numpy()
+        return Prior(amplitudes @ amplitudes.T, float(self.get_buffer("noise_mm")))
+
     @torch.no_grad()
     def nodal(self) -> dict[str, Tensor]:
         """The state of a `NodalSurrogate` that is this field at the nodes and linear between them."""

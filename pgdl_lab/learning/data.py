@@ -21,6 +21,8 @@ from pgdl_lab.surrogate import Face
 if TYPE_CHECKING:
     from pgdl_lab.loss import Loss
 
+SET_ASIDE = 1  # beside the seed: a random stream that nothing else draws from
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -45,6 +47,15 @@ class Samples:
         """The data points `indices` (n,) of `snapshots`: point i is node i % N of snapshot i // N."""
         snapshot, node = np.divmod(indices, len(snapshots.points))
         return cls(snapshots.points[node], snapshots.pressures_kpa[snapshot], snapshots.displacements[snapshot, node])
+
+    def at(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
+        """Some of these, by their indices (m,) or a mask (n,)."""
+        return Samples(self.points_mm[which], self.pressures_kpa[which], self.displacements_mm[which])
+
+    def joined(self, others: Samples) -> Samples:
+        """These and after them the `others`."""
+        names = ("points_mm", "pressures_kpa", "displacements_mm")
+        return Samples(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
 
     def ranges(self) -> dict[str, list[float]]:
         """Least and greatest value: "x_mm", "z_mm" and "pressure_kpa"."""
@@ -124,12 +135,14 @@ class Scene:
 
 @dataclass(frozen=True)
 class Training:
-    """One training, complete: what `Model.fit` needs.
+    """One training, complete: what `Model.fit` needs. `Training.of` makes one, and sets points aside.
 
     Attributes
     ----------
     samples
-        The training points.
+        The training points that a model is fitted to.
+    held
+        Those that are set aside, to choose the best state by and to calibrate error bars on; no model learns from them.
     scene
         The body they belong to.
     losses
@@ -151,6 +164,7 @@ class Training:
     """
 
     samples: Samples
+    held: Samples
     scene: Scene
     losses: Mapping[str, Loss]
     trainer: TrainerSettings
@@ -161,3 +175,32 @@ class Training:
     logger: Any = None
     balancing: BalancingSettings = field(default_factory=BalancingSettings)
     callbacks: Sequence[Any] = ()
+
+    @classmethod
+    def of(
+        cls,
+        samples: Samples,
+        scene: Scene,
+        losses: Mapping[str, Loss],
+        trainer: TrainerSettings,
+        optimizer: OptimizerSettings,
+        seed: int,
+        folder: Path,
+        provenance: Mapping[str, Any],
+        **beside: Any,
+    ) -> Training:
+        """A training of which the share `trainer.validation` of all `samples` is set aside, drawn by the seed.
+
+        Points are set aside here alone, before anything was fitted to them: what is chosen or calibrated on points that
+        a model has learnt from tells nothing. `beside` are the fields from `logger` on.
+        """
+        count = len(samples.pressures_kpa)
+        order = np.random.default_rng([seed, SET_ASIDE]).permutation(count)
+        held, fitted = np.split(order, [int(trainer.validation * count)])
+        parts = samples.at(np.sort(fitted)), samples.at(np.sort(held))
+        return cls(*parts, scene, losses, trainer, optimizer, seed, folder, provenance, **beside)
+
+    @property
+    def whole(self) -> Samples:
+        """All training points, for models that leave each out in turn to see how they err, and then learn from all."""
+        return self.samples.joined(self.held)

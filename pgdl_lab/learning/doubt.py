@@ -72,13 +72,9 @@ def _warn_of_holes(training: Training) -> None:
         )  # fmt: skip
 
 
-def _of(samples: Samples, some: NDArray[np.int64]) -> Samples:
-    return Samples(samples.points_mm[some], samples.pressures_kpa[some], samples.displacements_mm[some])
-
-
 def _relative_error(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> float:
     """Root mean square error at the samples `some` (n,), relative to that of their displacement."""
-    chosen, squares = _of(samples, some), 0.0
+    chosen, squares = samples.at(some), 0.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Outside)  # what is asked here is what it was trained on, or nearly
         for kpa in np.unique(chosen.pressures_kpa):

@@ -14,7 +14,9 @@ import torch
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.callbacks import Checkpoint, ProgressBar
+from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Training
+from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.threads import threads
@@ -35,38 +37,70 @@ def fit(model: TrainedModel, training: Training) -> Surrogate:
     TrainingDiverged
         When a loss or a weight is no longer finite; carries the surrogate of the last good weights.
     """
+    with threads(training.trainer.threads):
+        module = _prepared(model, training)
+
+        def surrogate() -> Surrogate:
+            record = Record(training.samples.ranges(), dict(training.provenance), module.history, training.scene.face)
+            return model.finished(module.objective.field, record, training)
+
+        try:
+            _train(module, training)
+        except TrainingDiverged as error:
+            module.restore_last_good()
+            error.surrogate = surrogate()
+            raise
+        return surrogate()
+
+
+def trained_field(model: TrainedModel, training: Training) -> Field:
+    """The trained field alone.
+
+    Raises
+    ------
+    TrainingDiverged
+        When a loss or a weight is no longer finite.
+    """
+    module = _prepared(model, training)
+    _train(module, training)
+    return module.objective.field
+
+
+def _prepared(model: TrainedModel, training: Training) -> TrainingModule:
+    """What is trained, as it begins or as its checkpoint left it."""
+    model.left_out(training.losses)
+    path, identity = _path(training), _identity(model, training)
+    checkpoint = _checkpoint(path, identity)
+    clock = Clock(training.trainer.max_seconds, spent_s=checkpoint["elapsed_s"] if checkpoint else 0.0)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(training.seed)
         field, samples = model.begin(training)
     compiled = training.trainer.compile
     objective = Objective(field, training.losses, samples, training.scene, training.balancing, compiled)
-    module = TrainingModule(objective, training.trainer, training.optimizer, training.seed, model.patience)
-    identity = _identity(model, training)
-    path = training.folder / "checkpoints" / "last.ckpt"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    checkpoint = _checkpoint(path, identity)
-
-    def surrogate() -> Surrogate:
-        record = Record(training.samples.ranges(), dict(training.provenance), module.history, training.scene.face)
-        with threads(training.trainer.threads):
-            return model.finished(field, record, samples, module.held)
-
-    if checkpoint is not None and _finished(checkpoint, training):
+    rules = training.trainer, training.optimizer
+    module = TrainingModule(objective, training.held, *rules, training.seed, clock, identity, model.patience)
+    if checkpoint is not None:
         module.load_state_dict(checkpoint["state_dict"])
         module.on_load_checkpoint(checkpoint)
-        return surrogate()
-    trainer = _trainer(training, Checkpoint(path, training.trainer.checkpoint_every_s, identity))
-    try:
-        with threads(training.trainer.threads), warnings.catch_warnings():
-            # Lightning advises on data loaders, which do not exist here
+    return module
+
+
+def _train(module: TrainingModule, training: Training) -> None:
+    """Go on until the end, and take the best state."""
+    if not module.finished:
+        path = _path(training)
+        resumed = path if path.exists() else None
+        path.parent.mkdir(parents=True, exist_ok=True)
+        trainer = _trainer(training, Checkpoint(path, training.trainer.checkpoint_every_s))
+        with warnings.catch_warnings():
+            # Lightning advises on data loaders, and there is none: batches are slices of what the module holds
             warnings.filterwarnings("ignore", module="lightning")
-            resumed = path if checkpoint else None
             trainer.fit(module, range(module.steps_per_epoch), ckpt_path=resumed, weights_only=True)
-    except TrainingDiverged as error:
-        module.restore_last_good()
-        error.surrogate = surrogate()
-        raise
-    return surrogate()
+    module.settle()
+
+
+def _path(training: Training) -> Path:
+    return training.folder / "checkpoints" / "last.ckpt"
 
 
 def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
@@ -88,10 +122,10 @@ def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
 
 def _identity(model: TrainedModel, training: Training) -> dict[str, Any]:
     """What a training must agree on with a checkpoint that it resumes from; budgets may differ."""
-    samples = training.samples
     data = hashlib.sha256()
-    for values in (samples.points_mm, samples.pressures_kpa, samples.displacements_mm):
-        data.update(np.ascontiguousarray(values).tobytes())
+    for samples in (training.samples, training.held):
+        for values in (samples.points_mm, samples.pressures_kpa, samples.displacements_mm):
+            data.update(np.ascontiguousarray(values).tobytes())
     return {
         "model": describe(model),
         "loss": {name: describe(loss) for name, loss in training.losses.items()},
@@ -119,8 +153,12 @@ def _checkpoint(path: Path, identity: dict[str, Any]) -> dict[str, Any] | None:
         raise InputError(f"{path} is damaged; delete it to train from the start.") from error
     if not isinstance(checkpoint, dict) or "identity" not in checkpoint:
         raise InputError(f"{path} is not a checkpoint of pgdl_lab; delete it or choose another run folder.")
+    if "plan" not in checkpoint:
+        raise InputError(
+            f"{path} is of an earlier version, which kept no last state; delete it to train from the start."
+        )
     theirs, ours = _flat(checkpoint["identity"]), _flat(identity)
-    differing = [key for key in sorted({*theirs, *ours}) if theirs.get(key) != ours.get(key)]
+    differing = [key for key in {**ours, **theirs} if theirs.get(key) != ours.get(key)]
     if differing:
         first = differing[0]
         raise InputError(
@@ -137,10 +175,3 @@ def _flat(tree: Any, prefix: str = "") -> dict[str, Any]:
     for key, value in tree.items():
         leaves |= _flat(value, f"{prefix}.{key}" if prefix else str(key))
     return leaves
-
-
-def _finished(checkpoint: dict[str, Any], training: Training) -> bool:
-    budget = training.trainer
-    if checkpoint["stopped"]:
-        return True
-    return checkpoint["elapsed_s"] >= budget.max_seconds or checkpoint["epoch"] + 1 >= budget.max_epochs

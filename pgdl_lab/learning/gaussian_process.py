@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.learning.calibration import Held, bar_deviations
+from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.process_surrogate import covariance, factor, interpolated
 from pgdl_lab.learning.triangulation import Triangulation
@@ -19,7 +20,7 @@ JITTER = 1e-10  # least variance of the noise, by that of the process: keeps the
 
 
 def fitted(
-    body: Triangulation, samples: Samples, modes: int, points: int, rng: np.random.Generator
+    body: Triangulation, samples: Samples, modes: int, points: int, rng: np.random.Generator, clock: Clock
 ) -> dict[str, NDArray[Any]]:
     """The state of a `ProcessSurrogate`.
 
@@ -35,6 +36,8 @@ def fitted(
         Number of samples that are learnt from, at most.
     rng
         Chooses them.
+    clock
+        The search for the likeliest process ends with its budget.
     """
     functions, values = body.modes(min(modes, len(body.points_mm) // 4))
     places = functions * np.sqrt(values[0] / values)  # the slow ones weigh more
@@ -50,7 +53,7 @@ def fitted(
         return rng.choice(among, min(points, len(among)), replace=False)
 
     learnt = chosen(np.ones(len(inputs), dtype=bool))
-    size, length, noise = _kernel(inputs[learnt], moved_mm[learnt] / size_mm)
+    size, length, noise = _kernel(inputs[learnt], moved_mm[learnt] / size_mm, clock)
     inputs /= length
 
     def weights_mm(part: NDArray[np.int64], lower: Floats) -> Floats:
@@ -80,18 +83,31 @@ def fitted(
     }
 
 
-def _kernel(inputs: Floats, targets: Floats) -> tuple[float, float, float]:
+def _kernel(inputs: Floats, targets: Floats, clock: Clock) -> tuple[float, float, float]:
     """Standard deviation and length scale of the likeliest process, and variance of the noise by that of the process.
 
     Parameters
     ----------
     inputs, targets
         (n, D) and (n, 2), of mean 0 and standard deviation 1.
+    clock
+        The time budget.
     """
+    from scipy.optimize import minimize
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
     guess = ConstantKernel(1.0, SIZES) * RBF(1.0, LENGTHS) + WhiteKernel(1e-4, NOISES)
-    found = GaussianProcessRegressor(guess).fit(inputs, targets).kernel_
+
+    def search(objective: Any, start: Floats, bounds: Floats) -> tuple[Floats, float]:
+        """That of scikit-learn, but for its end."""
+        result = minimize(objective, start, method="L-BFGS-B", jac=True, bounds=bounds, callback=stop)
+        return result.x, result.fun
+
+    def stop(intermediate_result: Any) -> None:
+        if not clock.left_s:
+            raise StopIteration
+
+    found = GaussianProcessRegressor(guess, optimizer=search).fit(inputs, targets).kernel_
     variance = float(found.k1.k1.constant_value)
     return np.sqrt(variance), float(found.k1.k2.length_scale), max(float(found.k2.noise_level) / variance, JITTER)

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.calibration import ABOVE, COVERED
+from pgdl_lab.learning.calibration import ABOVE, covering
 
 Floats = NDArray[np.float64]
+Features = tuple[Floats, Floats]
 
 ROUNDS = 20  # of the fixed-point iteration for ρ, whose factor from one to the next is then below a percent
 BANDS, LEAST = 5, 100  # of the pressure, each scaled by itself, and the least number of samples in one
@@ -48,19 +49,21 @@ class LastLayer:
     @classmethod
     def fitted(
         cls,
-        features: tuple[Floats, Floats],
+        features: Features,
         pressures_kpa: Floats,
         targets_mm: Floats,
         errors_mm: Floats,
         held: NDArray[np.bool_],
         above: Floats,
+        scores_mm: Floats | None = None,
     ) -> LastLayer:
         """Error bars that cover 95 % of the errors at the samples set aside, or at all if there are none.
 
-        Errors at training points themselves are counted as those of a last layer that was fitted without each, by the
-        formula of leaving one out. Beyond the trained pressures the bars also hold what it costs to fit the last layer
-        without the highest of them and to predict those, more than to predict the ones in between. All of that grows
-        there as the standard deviation of a polynomial in the pressure does that has noise at all samples.
+        Where it is known how networks err that were trained without each sample, the bars cover 95 % of that. Errors at
+        training points themselves are counted as those of a last layer that was fitted without each, by the formula of
+        leaving one out. Beyond the trained pressures the bars also hold what it costs to fit the last layer without the
+        highest of them and to predict those, more than to predict the ones in between. All of that grows there as the
+        standard deviation of a polynomial in the pressure does that has noise at all samples.
 
         Parameters
         ----------
@@ -72,22 +75,27 @@ class LastLayer:
             (n,), the samples that it did not learn from.
         above
             (len(BEYOND), K), features of the pressures that lie as far above the highest.
+        scores_mm
+            (n, 2), |error| by the root of its variance of networks that were trained without each sample; None: they
+            are not known.
         """
-        products = np.einsum("nh,nk->nkh", *features).reshape(len(pressures_kpa), -1)
-        root, _ = _regression(products[~held], targets_mm[~held])
+        products = _products(features)
+        root, _, _ = _regression(products[~held], targets_mm[~held])
         leverage = ((products @ root) ** 2).sum(axis=1)
         alone = errors_mm if held.any() else errors_mm / (1 - leverage)[:, None]
         judged = np.flatnonzero(held) if held.any() else np.arange(len(held))
         rising = judged[np.argsort(pressures_kpa[judged], kind="stable")]
         bands = np.array_split(rising, np.clip(len(rising) // LEAST, 1, BANDS))
         bar_mm = [_quantile(alone[band], leverage[band]) for band in bands]
+        if scores_mm is not None:
+            bands, bar_mm = [rising], [covering(scores_mm)]
 
         highest = float(pressures_kpa.max())
         top = pressures_kpa > (1 - ABOVE) * highest
         below = ~top & ~held
         more = 0.0
         if below.sum() > products.shape[1] and top.any():
-            root_below, weights = _regression(products[below], targets_mm[below])
+            root_below, weights, _ = _regression(products[below], targets_mm[below])
             leverage_below = ((products @ root_below) ** 2).sum(axis=1)
             missed = products @ weights - targets_mm
             known = _quantile(missed[below] / (1 - leverage_below[below])[:, None], leverage_below[below])
@@ -128,20 +136,44 @@ def _growth(trained: Floats, highest: Floats, above: Floats) -> Floats:
 
 
 def _quantile(errors_mm: Floats, leverage: Floats) -> float:
-    """What 95 % of the errors (n, 2), by the roots of their variances 1 + `leverage` (n,), lie below [mm]."""
-    return float(np.quantile(np.abs(errors_mm) / np.sqrt(1 + leverage)[:, None], COVERED))
+    """What 95 % of errors like these (n, 2), by the roots of their variances 1 + `leverage` (n,), lie below [mm]."""
+    return covering(np.abs(errors_mm) / np.sqrt(1 + leverage)[:, None])
 
 
-def _regression(features: Floats, targets: Floats) -> tuple[Floats, Floats]:
-    """A root (F, F) of (Φᵀ Φ + ρ I)⁻¹ and weights (F, 2) of the ridge regression on Φ (n, F), with the likeliest ρ."""
+def ridge(features: Features, targets_mm: Floats) -> float:
+    """The likeliest ρ for features of place and pressure, (n, H) and (n, K), and what they shall give (n, 2)."""
+    return _regression(_products(features), targets_mm)[2]
+
+
+def scores(errors_mm: Floats, features: Features, trained: Features, rho: float) -> Floats:
+    """|error| (m, 2) [mm] at samples with `features`, by the root of its variance where those `trained` are known."""
+    root, _, _ = _regression(_products(trained), np.zeros((len(trained[0]), 2)), rho)
+    variance = 1 + ((_products(features) @ root) ** 2).sum(axis=1)
+    result: Floats = np.abs(errors_mm) / np.sqrt(variance)[:, None]
+    return result
+
+
+def _products(features: Features) -> Floats:
+    """(n, K H) from (n, H) and (n, K)."""
+    return np.einsum("nh,nk->nkh", *features).reshape(len(features[0]), -1)
+
+
+def _regression(features: Floats, targets: Floats, rho: float | None = None) -> tuple[Floats, Floats, float]:
+    """A root (F, F) of (Φᵀ Φ + ρ I)⁻¹, weights (F, 2) of ridge regression on Φ (n, F), and ρ (None: the likeliest)."""
     values, vectors = np.linalg.eigh(features.T @ features)
     values = np.maximum(values, np.finfo(float).eps * values[-1])
     onto = vectors.T @ (features.T @ targets)
+    if rho is None:
+        rho = _likeliest(values, onto, targets)
+    return vectors / np.sqrt(values + rho), vectors @ (onto / (values + rho)[:, None]), rho
+
+
+def _likeliest(values: Floats, onto: Floats, targets: Floats) -> float:
     total, count = (targets**2).sum(), targets.size
-    ridge = values[-1] * 1e-9
+    rho = values[-1] * 1e-9
     for _ in range(ROUNDS):
-        weights = onto / (values + ridge)[:, None]
-        used = 2 * (values / (values + ridge)).sum()  # degrees of freedom
+        weights = onto / (values + rho)[:, None]
+        used = 2 * (values / (values + rho)).sum()  # degrees of freedom
         left = max(total - (weights * (2 * onto - values[:, None] * weights)).sum(), np.finfo(float).eps * total)
-        ridge = used / (weights**2).sum() * left / max(count - used, 1.0)
-    return vectors / np.sqrt(values + ridge), vectors @ (onto / (values + ridge)[:, None])
+        rho = used / (weights**2).sum() * left / max(count - used, 1.0)
+    return float(rho)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -17,17 +18,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
 
-    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
     from pgdl_lab.learning.separable import SeparableRegression
+    from pgdl_lab.loss import Loss
     from pgdl_lab.surrogate import Record
+
+_log = logging.getLogger(__name__)
+
+DATA, BOUNDARY = "data", "boundary"  # the terms that a closed form knows
 
 
 @dataclass(frozen=True)
 class LinearModel(Model):
     """Hat functions on the body times polynomials in the pressure, fitted by linear least squares; no network.
 
-    The clamp is held exactly and of the losses only the data count: others are refused if they need derivatives.
+    The clamp is held exactly. Of the losses only the data count; terms of physics are refused.
 
     Attributes
     ----------
@@ -41,21 +47,24 @@ class LinearModel(Model):
         if self.degree < 1:
             raise InputError(f"model.degree is {self.degree}; it must be at least 1.")
 
+    def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
+        return left_out(describe(self)["name"], losses, held=(BOUNDARY,), why="")
+
     @abstractmethod
     def learn(self, regression: SeparableRegression, training: Training) -> Mapping[str, Tensor]:
         """What the surrogate's state holds beside the body, see `NodalSurrogate`; it is compressed later."""
 
     def fit(self, training: Training) -> NodalSurrogate:
-        from threadpoolctl import threadpool_limits
-
         from pgdl_lab.learning.pod import compressed
+        from pgdl_lab.learning.threads import threads
         from pgdl_lab.surrogate import Record
 
-        refuse_derivatives(training)
-        regression, body = regression_of(training, self.degree)
-        with threadpool_limits(training.trainer.threads), closing(regression):
-            state = compressed({**body, **self.learn(regression, training)})
-        record = Record(training.samples.ranges(), dict(training.provenance), face=training.scene.face)
+        self.left_out(training.losses)
+        with threads(training.trainer.threads):
+            regression, body = regression_of(training, self.degree, training.whole)
+            with closing(regression):
+                state = compressed({**body, **self.learn(regression, training)})
+        record = Record(training.whole.ranges(), dict(training.provenance), face=training.scene.face)
         return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> NodalSurrogate:
@@ -64,34 +73,76 @@ class LinearModel(Model):
         return NodalSurrogate(describe(self), record, state)
 
 
-def refuse_derivatives(training: Training) -> None:
-    """Check that the data are all that a model is asked to fit.
+def require_data(name: str, losses: Mapping[str, Loss]) -> None:
+    """Check that there are data for the model `name` to be fitted to.
 
     Raises
     ------
     InputError
-        When a loss needs derivatives.
+        When the loss holds none, or counts them with weight 0.
     """
-    residuals = [name for name, loss in training.losses.items() if loss.order > 0]
-    if residuals:
+    if not losses.get(DATA) or not losses[DATA].weight:
         raise InputError(
-            f"This model is fitted to data alone and cannot take in loss {', '.join(residuals)}; "
-            "leave it out or choose a neural model."
+            f"model={name} is fitted to the data, and loss=[{','.join(losses)}] does not count them: add {DATA} with a "
+            "weight above 0 to the losses, or choose a network such as model=body."
         )
 
 
-def regression_of(training: Training, degree: int) -> tuple[SeparableRegression, dict[str, Tensor]]:
-    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body."""
+def left_out(name: str, losses: Mapping[str, Loss], held: Collection[str], why: str) -> dict[str, str]:
+    """What the model `name` leaves out, being fitted to the data alone in closed form, and why.
+
+    Parameters
+    ----------
+    name, losses
+        The model and the terms.
+    held
+        Terms that it satisfies exactly, so that nothing is left out.
+    why
+        What happens to a `BOUNDARY` that is not among these.
+
+    Raises
+    ------
+    InputError
+        When there are no data, or a term of physics counts.
+    """
+    require_data(name, losses)
+    counted = [key for key, loss in losses.items() if loss.weight and key not in {DATA, *held}]
+    refused = [key for key in counted if key != BOUNDARY]
+    if refused:
+        raise InputError(
+            f"model={name} is fitted to data alone and cannot take in loss {', '.join(refused)}; leave it out, give it "
+            "the weight 0 to see its value, or choose a network such as model=body."
+        )
+    return dict.fromkeys(counted, why)
+
+
+def tell_left_out(name: str, terms: Mapping[str, str]) -> None:
+    """Tell what a model leaves out, and why."""
+    for term, why in terms.items():
+        _log.warning("model=%s leaves out loss %s: %s.", name, term, why)
+
+
+def regression_of(
+    training: Training, degree: int, samples: Samples | None = None
+) -> tuple[SeparableRegression, dict[str, Tensor]]:
+    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body.
+
+    It is fitted to `samples`, by default those of the training that are not set aside.
+
+    Its clock begins here: all fits together take the time budget of the training at most, but for the first two.
+    """
     import numpy as np
     import torch
 
+    from pgdl_lab.learning.clock import Clock
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.learning.triangulation import Triangulation
 
-    scene, samples = training.scene, training.samples
+    scene, samples = training.scene, samples or training.samples
     range_kpa = np.array([0.0, samples.pressures_kpa.max()])
     body = Triangulation(scene.points_mm, scene.triangles)
-    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree), {
+    clock = Clock(training.trainer.max_seconds)
+    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree, clock), {
         "points_mm": torch.from_numpy(scene.points_mm),
         "triangles": torch.from_numpy(scene.triangles),
         "range_kpa": torch.from_numpy(range_kpa),

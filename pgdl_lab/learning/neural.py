@@ -62,11 +62,11 @@ class TrainedModel(Model):
 
     @abstractmethod
     def begin(self, training: Training) -> tuple[Field, Samples]:
-        """A field with initial weights and the points that it is trained on."""
+        """A field with initial weights and the points that it is trained on, from `training.samples` alone."""
 
     @abstractmethod
-    def finished(self, field: Any, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
-        """The surrogate of a field that was trained on `samples`, but for those that were `held` (n,) back."""
+    def finished(self, field: Any, record: Record, training: Training) -> Surrogate:
+        """The surrogate of a field that was trained on `training.samples` and has not seen those held back."""
 
     def fit(self, training: Training) -> Surrogate:
         from pgdl_lab.learning.fit import fit  # torch and Lightning are imported only when they are needed
@@ -81,10 +81,14 @@ class NeuralModel(TrainedModel):
     def begin(self, training: Training) -> tuple[Field, Samples]:
         return self.new_field(training), training.samples
 
-    def finished(self, field: ReadOutField, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
+    def finished(self, field: ReadOutField, record: Record, training: Training) -> Surrogate:
+        from pgdl_lab.learning.left_out import scores_left_out
         from pgdl_lab.learning.neural_surrogate import NeuralSurrogate, last_layer
 
-        return NeuralSurrogate(describe(self), record, field, last_layer(field, samples, held))
+        spent_s = record.history[-1]["seconds"] if record.history else 0.0
+        scores_mm = scores_left_out(self, training, field.cpu(), spent_s)
+        bars = last_layer(field, training.samples, training.held, scores_mm)
+        return NeuralSurrogate(describe(self), record, field, bars)
 
     @abstractmethod
     def new_field(self, training: Training) -> ReadOutField:

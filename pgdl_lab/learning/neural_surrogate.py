@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from torch import Tensor
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import Field, ReadOutField
-from pgdl_lab.learning.last_layer import BEYOND, LastLayer
+from pgdl_lab.learning.last_layer import BEYOND, LastLayer, ridge, scores
 from pgdl_lab.surrogate import Record, Surrogate
 
 Floats = NDArray[np.float64]
@@ -58,23 +58,45 @@ class NeuralSurrogate(Surrogate):
         return bars_mm
 
 
-def last_layer(field: ReadOutField, samples: Samples, held: NDArray[np.bool_]) -> LastLayer | None:
-    """Error bars of a field that was trained on `samples`, but for those that were `held` (n,) back.
+def last_layer(
+    field: ReadOutField, trained: Samples, held: Samples, scores_mm: Floats | None = None
+) -> LastLayer | None:
+    """Error bars of a field that was `trained` on some samples and has not seen those `held` back.
 
     None if the field has no finite numbers for them.
     """
+    samples = trained.joined(held)
+    aside = np.arange(len(samples.pressures_kpa)) >= len(trained.pressures_kpa)
     coordinates = field.cpu().coordinates(samples.points_mm, order=0)
     features = _features(field, coordinates, samples.pressures_kpa)
-    pressures_kpa = torch.from_numpy(samples.pressures_kpa).to(coordinates.dtype)
-    with torch.no_grad():
-        whole, beside = (part(coordinates, pressures_kpa).double().numpy() for part in (field, field.beside))
-    errors_mm = whole - samples.displacements_mm
+    errors_mm = _values(field, coordinates, samples.pressures_kpa) - samples.displacements_mm
     if not all(np.isfinite(array).all() for array in (*features, errors_mm)):
         return None
     anywhere, above_kpa = coordinates[:, :1].expand(-1, len(BEYOND), -1), (1 + BEYOND) * samples.pressures_kpa.max()
     _, above = _features(field, anywhere, above_kpa)
-    targets_mm = samples.displacements_mm - beside
-    return LastLayer.fitted(features, samples.pressures_kpa, targets_mm, errors_mm, held, above)
+    targets_mm = samples.displacements_mm - _values(field.beside, coordinates, samples.pressures_kpa)
+    return LastLayer.fitted(features, samples.pressures_kpa, targets_mm, errors_mm, aside, above, scores_mm)
+
+
+def ridge_of(field: ReadOutField, samples: Samples) -> float:
+    """See `last_layer.ridge`, of a field that was trained on `samples`."""
+    coordinates = field.coordinates(samples.points_mm, order=0)
+    targets_mm = samples.displacements_mm - _values(field.beside, coordinates, samples.pressures_kpa)
+    return ridge(_features(field, coordinates, samples.pressures_kpa), targets_mm)
+
+
+def scores_mm(field: ReadOutField, trained: Samples, asked: Samples, rho: float) -> Floats:
+    """See `last_layer.scores`, of a field that was `trained` on some samples, at others."""
+    place, trained_place = (field.cpu().coordinates(samples.points_mm, order=0) for samples in (asked, trained))
+    errors_mm = _values(field, place, asked.pressures_kpa) - asked.displacements_mm
+    features = _features(field, place, asked.pressures_kpa)
+    return scores(errors_mm, features, _features(field, trained_place, trained.pressures_kpa), rho)
+
+
+@torch.no_grad()
+def _values(part: Callable[[Tensor, Tensor], Tensor], coordinates: Tensor, pressures_kpa: Floats) -> Floats:
+    """Displacements (n, 2) [mm] of a field or of a part of it."""
+    return part(coordinates, torch.from_numpy(pressures_kpa).to(coordinates.dtype)).double().numpy()
 
 
 @torch.no_grad()

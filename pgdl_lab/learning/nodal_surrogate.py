@@ -65,7 +65,7 @@ class NodalSurrogate(Surrogate):
         return PolynomialProbe(local.transpose(1, 0, 2), self._state["amplitudes"], self._state["range_kpa"])
 
     def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
-        if "spread" not in self._state:
+        if "bar_deviations" not in self._state:
             return None
         corners, weights = self._body.locate(points_mm)
         low, high = self._state["range_kpa"]

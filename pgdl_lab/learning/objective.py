@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import torch
@@ -16,9 +16,11 @@ from pgdl_lab.learning.balancing import Balancer, BalancingSettings
 from pgdl_lab.learning.data import Samples, Scene
 from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.jet import Jet
-from pgdl_lab.loss import Loss
+from pgdl_lab.loss import Loss, PhysicsLoss
 
 _log = logging.getLogger(__name__)
+
+ROUNDING = 1e-9  # pressures are sums and products of floats
 
 
 class Objective(nn.Module):
@@ -67,9 +69,20 @@ class Objective(nn.Module):
         self.scene = scene
         self.balancer = Balancer(balancing, self.losses)
         own = {name: given for name, loss in self.losses.items() if (given := loss.own_points(scene)) is not None}
-        self.order = max((loss.order for name, loss in self.losses.items() if name not in own), default=0)
         self.range_kpa = float(samples.pressures_kpa.min()), float(samples.pressures_kpa.max())
-        self._keep("inputs", field.coordinates(samples.points_mm, self.order))
+        self.interest_kpa = max(self.range_kpa[1], scene.max_kpa)
+        extrapolates = self.interest_kpa > (1 + ROUNDING) * self.range_kpa[1]
+        self.free = {
+            name
+            for name, loss in self.losses.items()
+            if extrapolates and name not in own and isinstance(loss, PhysicsLoss) and loss.beyond
+        }
+
+        def order(names: Iterable[str]) -> int:
+            return max((self.losses[name].order for name in names), default=0)
+
+        self.order, self.free_order = order(self.losses.keys() - own.keys() - self.free), order(self.free)
+        self._keep("inputs", field.coordinates(samples.points_mm, max(self.order, self.free_order)))
         self._keep("pressures", torch.from_numpy(samples.pressures_kpa))
         self._keep("targets", torch.from_numpy(samples.displacements_mm))
         for name, (own_points, targets) in own.items():
@@ -93,19 +106,31 @@ class Objective(nn.Module):
                 )  # fmt: skip
 
     def terms(self, batch: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
-        """Unweighted terms at the training points `batch` (n,); `generator` draws the pressures of own points."""
+        """Unweighted terms at the training points `batch` (n,); `generator` draws the pressures that are not theirs."""
         buffers = dict(self.named_buffers(recurse=False))
-        jet = self._jet(self.inputs[:, batch], self.pressures[batch], self.order)
+
+        def drawn(count: int, loss: Loss | None = None) -> Tensor:
+            low, high = self.range_kpa
+            if not isinstance(loss, PhysicsLoss) or loss.beyond:
+                high = self.interest_kpa
+            several = 1 if loss is not None and loss.one_pressure else count
+            kpa = low + (high - low) * torch.rand(several, generator=generator)
+            return kpa.to(self.pressures).expand(count)
+
+        inputs, targets = self.inputs[:, batch], self.targets[batch]
+        jet = self._jet(inputs, self.pressures[batch], self.order)
+        if self.free:
+            free_jet = self._jet(inputs, drawn(len(batch)), self.free_order)
         values = {}
         for name, loss in self.losses.items():
             if name in self.own:
-                inputs, targets = buffers[f"{name}_inputs"], buffers[f"{name}_targets"]
-                low, high = self.range_kpa
-                drawn = low + (high - low) * torch.rand(1 if loss.one_pressure else len(targets), generator=generator)
-                own_jet = self._jet(inputs, drawn.to(targets).expand(len(targets)), loss.order)
-                values[name] = loss.value(own_jet, targets, self.scene)
+                own_inputs, own_targets = buffers[f"{name}_inputs"], buffers[f"{name}_targets"]
+                own_jet = self._jet(own_inputs, drawn(len(own_targets), loss), loss.order)
+                values[name] = loss.value(own_jet, own_targets, self.scene)
+            elif name in self.free:
+                values[name] = loss.value(free_jet, torch.full_like(targets, torch.nan), self.scene)
             else:
-                values[name] = loss.value(jet, self.targets[batch], self.scene)
+                values[name] = loss.value(jet, targets, self.scene)
         return values
 
     def weight(self, name: str) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.loss import Loss
+from pgdl_lab.loss import PhysicsLoss
 
 if TYPE_CHECKING:
     from pgdl_lab.finger import Finger
@@ -16,7 +16,7 @@ STATES = ("plane_stress", "plane_strain")
 
 
 @dataclass(frozen=True)
-class PlaneLoss(Loss):
+class PlaneLoss(PhysicsLoss):
     """A loss term of a hyperelastic law in the plane; see `PlaneLaw`.
 
     Attributes

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.learning.calibration import NORMAL, Floats, Held, bar_deviations
-from pgdl_lab.learning.separable import Prior, SeparableRegression, chebyshev
+from pgdl_lab.learning.calibration import NORMAL, Floats, Held, bar_deviations, fits
+from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
+
+_log = logging.getLogger(__name__)
 
 LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
 BEYOND = 1.15  # times the highest trained pressure: as far as a surrogate may be asked to go on
@@ -17,9 +20,11 @@ LEFT_OUT = 0.1  # a tenth of the error adds half a per cent to it
 
 
 def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:
-    """The prior that is learnt from the data in `rounds` rounds."""
-    prior = regression.first_prior()
+    """The prior that is learnt from the data in `rounds` rounds, or fewer if there is no time for more."""
+    prior, afterwards = regression.first_prior(), 1 + fits(len(regression.polynomials))
     for _ in range(rounds):
+        if not regression.allows(1 + afterwards):
+            break
         prior = regression.learnt(regression.posterior(prior, LEARNING_DRAWS, rng))
     return prior
 
@@ -28,6 +33,8 @@ def decompose(
     regression: SeparableRegression, prior: Prior, draws: int, rng: np.random.Generator
 ) -> Mapping[str, Tensor]:
     """What the state of a `NodalSurrogate` holds beside the body, with a mode for each polynomial.
+
+    If there is no time to calibrate error bars, there are none.
 
     Parameters
     ----------
@@ -40,24 +47,33 @@ def decompose(
     rng
         Where they are drawn from.
     """
-    posterior = regression.posterior(prior, draws, rng)
+    calibrations = fits(len(regression.polynomials))
+    few = len(prior.covariance)  # as many as polynomials
+    posterior = regression.posterior(prior, draws if regression.allows(1 + calibrations) else few, rng)
 
     def ratios(held: Held, judged: Held) -> Floats:
         mean, deviation = regression.at_samples(regression.posterior(prior, LEARNING_DRAWS, rng, kept=~held))
         expected_mm = np.sqrt((deviation[judged] ** 2).mean(axis=1) + prior.noise_mm**2)
         return np.abs(mean - regression.samples.displacements_mm)[judged] / expected_mm[:, None]
 
+    if not regression.allows(calibrations):
+        _log.warning("trainer.max_time left no time to calibrate error bars, so there are none: give it more.")
+        return known(posterior)
     bar_kpa, deviations = bar_deviations(regression.samples.pressures_kpa, ratios, rng)
+    return {**known(posterior), "bar_kpa": torch.from_numpy(bar_kpa), "bar_deviations": torch.from_numpy(deviations)}
+
+
+def known(posterior: Posterior) -> dict[str, Tensor]:
+    """What the state of a `NodalSurrogate` holds of a field: the mean, and square roots of the covariance."""
+    prior = posterior.prior
     # with draws = Q R, the covariance is Rᵀ R
     draws_mm = np.einsum("dk,nks->nsd", prior.amplitudes, posterior.draws)
-    _, spread = np.linalg.qr(draws_mm / np.sqrt(draws))
+    _, spread = np.linalg.qr(draws_mm / np.sqrt(draws_mm.shape[1]))
     return {
         "modes": torch.from_numpy(posterior.modes.copy()),
         "amplitudes": torch.from_numpy(prior.amplitudes.copy()),
         "spread": torch.from_numpy(spread.transpose(0, 2, 1).astype(np.float32)),
         "noise_mm": torch.tensor(prior.noise_mm),
-        "bar_kpa": torch.from_numpy(bar_kpa),
-        "bar_deviations": torch.from_numpy(deviations),
     }
 
 
@@ -81,7 +97,8 @@ def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     _, root = np.linalg.qr(polynomials)
     left, sizes, right = np.linalg.svd(root @ coefficients, full_matrices=False)
     rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(pressures_kpa) / coefficients.shape[1])  # from each on
-    scale = min(1.0, float(state["bar_deviations"].min()) / NORMAL)  # what bars make of the standard deviations
+    # what bars make of the standard deviations
+    scale = min(1.0, float(state["bar_deviations"].min()) / NORMAL) if "bar_deviations" in state else 1.0
     most_mm = scale * min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
     count = max(1, int((rest_mm > most_mm).sum()))
     size = np.sqrt(coefficients.shape[1])  # modes of unit root mean square: the amplitudes carry the unit

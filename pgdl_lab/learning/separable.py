@@ -11,6 +11,7 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.triangulation import Triangulation
 from pgdl_lab.mechanics.linear import symmetric_solver
@@ -100,11 +101,21 @@ class SeparableRegression:
         (2,), pressures that are mapped to −1 … 1 [kPa].
     degree
         Degree in the pressure.
+    clock
+        The time that all fits together may take.
     """
 
     def __init__(
-        self, body: Triangulation, clamp: NDArray[np.int64], samples: Samples, range_kpa: Floats, degree: int
+        self,
+        body: Triangulation,
+        clamp: NDArray[np.int64],
+        samples: Samples,
+        range_kpa: Floats,
+        degree: int,
+        clock: Clock | None = None,
     ) -> None:
+        self._clock = clock or Clock(np.inf)
+        self._longest_s = 0.0  # that a fit has taken so far
         self.samples = samples
         self.degree = degree
         self.length_mm = float(np.linalg.norm(np.ptp(body.points_mm, axis=0)))
@@ -119,6 +130,11 @@ class SeparableRegression:
         self.hats = hats
         self._solver = symmetric_solver()
         self.polynomials = chebyshev(samples.pressures_kpa, range_kpa, degree)
+
+    def allows(self, fits: int) -> bool:
+        """Whether there is time for so many fits more, each as long as the longest so far."""
+        left_s = self._clock.left_s
+        return left_s > 0 and left_s >= fits * self._longest_s
 
     def first_prior(self) -> Prior:
         """A prior that is wide for any finger: kinks up to the mean slope of the displacement, little noise.
@@ -141,6 +157,7 @@ class SeparableRegression:
         A draw of the deviation is the fit to noise of its own (G. Papandreou & A. Yuille, Gaussian sampling by local
         perturbations, 2010).
         """
+        began_s = self._clock.seconds
         order = self.degree + 1
         scaled = self.polynomials @ prior.amplitudes / prior.noise_mm
         # what is left out counts with weight 0, so that the pattern of the matrix and its ordering stay
@@ -153,6 +170,7 @@ class SeparableRegression:
         solution = self._solver.solve(np.concatenate([data, design.T @ noise[0] + kinks.T @ noise[1]], axis=1))
         everywhere = np.zeros((self.nodes, order, 2 + draws))
         everywhere[self.free] = solution.reshape(len(self.free), order, -1)
+        self._longest_s = max(self._longest_s, self._clock.seconds - began_s)
         return Posterior(prior, everywhere[..., :2], everywhere[..., 2:])
 
     def close(self) -> None:

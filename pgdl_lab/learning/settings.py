@@ -19,23 +19,27 @@ SCHEDULES = ("constant", "cosine")
 class TrainerSettings:
     """The budget and the housekeeping of a training.
 
-    Training ends with `max_epochs` or `max_time`, whichever comes first; the learning-rate schedule follows the one
-    that is nearer to its end. A run that is not cut by the time repeats exactly under the same seed.
+    Training ends with `max_epochs` or `max_time`, whichever comes first. The learning-rate schedule follows the steps:
+    as many as `max_epochs` makes or, if those do not fit, as the speed of the first steps allows in `max_time`. A run
+    whose epochs fit repeats exactly under the same seed, also if the clock stalls later, if it is killed and resumed at
+    any step, or if it is given more epochs later under a constant learning rate; see `Plan`.
 
     Attributes
     ----------
     max_time
-        Time budget, "hours:minutes:seconds" or seconds; time spent before a resume counts.
+        Time budget, "hours:minutes:seconds" or seconds, with the preparation of a model; time spent before a resume
+        counts. A step, or a fit of a closed form, that has begun ends; two of these fits are made in any case.
     max_epochs
         Epoch budget; one epoch is one pass over the training points.
     accelerator
         "auto" (a GPU where there is one), "cpu" or "gpu".
     validation
-        Share of the training points that is set aside: the state that errs least on them is kept, or that before the
-        first step if the gain may be chance. 0 keeps the last state.
+        Share of the training points that is set aside before anything is fitted: the state that errs least on them is
+        taken, or that before the first step if the gain may be chance, and error bars are calibrated on them. 0 takes
+        the last state. Closed forms leave out points in turn instead and learn from all in the end.
     threads
-        CPU threads of the training. More than one hardly speeds up a small network, and on a busy machine threads
-        that wait for each other slow it down many times over.
+        CPU threads of the training, of closed forms too. More than one hardly speeds up a small network, and on a busy
+        machine threads that wait for each other slow it down many times over.
     compile
         Whether the derivatives of the field are compiled, which takes half a minute and a C++ compiler. Steps with
         second derivatives of a network of x, z and p take two thirds of the time then.

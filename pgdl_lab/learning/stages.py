@@ -41,6 +41,13 @@ class Stage(ABC):
     def step(self, closure: Closure) -> str | None:
         """One step; the reason if there should be no other."""
 
+    def state(self) -> list[float]:
+        """What a resumed training goes on from, beside the states of the optimisers."""
+        return []
+
+    def restore(self, state: list[float]) -> None:  # noqa: B027  # most have none
+        """Go on from a `state`."""
+
     def scale_rate(self, rate: float) -> None:
         """Set the learning rate, where there is one."""
         for optimizer in self.optimizers:
@@ -99,6 +106,12 @@ class Lbfgs(Stage):
         if len(self._losses) > PATIENCE and self._losses[0] - self._losses[-1] <= FLAT * abs(self._losses[0]):
             return f"the loss no longer falls ({self._losses[-1]:.3e})"
         return None
+
+    def state(self) -> list[float]:
+        return self._losses
+
+    def restore(self, state: list[float]) -> None:
+        self._losses = state
 
     def scale_rate(self, rate: float) -> None:
         pass

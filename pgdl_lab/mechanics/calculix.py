@@ -19,11 +19,11 @@ from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.calculix_deck import deck, weighs
 from pgdl_lab.mechanics.finite_strain import Model, progress
+from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]
 
 PROGRAM = "ccx"
-THREADS = "2"  # unless OMP_NUM_THREADS says otherwise
 GLANCE_S = 0.2  # between two looks at the progress
 
 
@@ -101,7 +101,7 @@ def run(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float, ti
     LabError
         When not even the weight alone led to an equilibrium.
     """
-    environment = {"OMP_NUM_THREADS": THREADS, **os.environ}
+    environment = {**os.environ, "OMP_NUM_THREADS": str(threads())}
     weighed, law = weighs(finger), finger.material.calculix()
     before = _cpu_seconds()
     with tempfile.TemporaryDirectory(prefix="pgdl_lab_calculix_") as folder:

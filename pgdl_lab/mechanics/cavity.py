@@ -4,7 +4,10 @@ Its first derivative is the follower load on the walls, its second the load stif
 element by element: V = −∫ M x · (x,₁ × x,₂) dA over the walls with their normal out of the solid. For closed walls any
 M of unit trace gives the same; with M = diag(½, ½, 0) the part of the boundary of V that is no wall does not contribute
 either, where its points and their displacements lie in a plane x = 0 or y = 0 (clamped end, symmetry) or in any plane
-z = const (a slab in plane strain).
+z = const (a slab in plane strain). An opening elsewhere must be held: then it adds to V a constant alone.
+
+At held degrees of freedom on the rim of an opening that gradient is no force: there the volume lacks the opening. The
+force of the air on the walls is `Cavity.push`, the integral of the normal alone.
 """
 
 from dataclasses import dataclass
@@ -78,6 +81,13 @@ class Cavity:
         self._first = on_walls(np.einsum("jawq,jwq->waq", gradient, first))
         self._second = on_walls(np.einsum("jawq,jwq->waq", gradient, second))
         self._weights = -walls.dx
+
+    def push(self, displacement: Array) -> Array:
+        """Nodal forces (W, 3 A) of a unit of pressure on each wall facet, −∫ N n da [mm²]."""
+        nodal = (self._positions + displacement)[self.nodes].transpose(0, 2, 1)
+        normal = np.cross(nodal @ self._first, nodal @ self._second, axis=1)
+        forces = self._value @ (self._weights[:, None, :] * normal).transpose(0, 2, 1)
+        return np.asarray(forces.reshape(len(self.nodes), -1))
 
     def response(self, displacement: Array, *, hessian: bool) -> CavityResponse:
         """Volume and derivatives at `displacement` (N, 3) [mm]."""

@@ -1,4 +1,4 @@
-"""Frictionless contact of the outer skin with itself, by a barrier that keeps surfaces apart.
+"""Frictionless contact of a body with itself, by a barrier that keeps surfaces apart.
 
 The potential of M. Li et al., Incremental Potential Contact, ACM Transactions on Graphics 39 (2020), as the IPC Toolkit
 computes it: zero where surfaces are farther apart than a small reach, growing without bound as they meet. With it a
@@ -6,56 +6,30 @@ step of Newton's method ends before the first penetration. That holds from a sta
 there can show: a body carried wholly through another crosses nothing at the end of it.
 """
 
-from dataclasses import dataclass
+import os
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.elements import Discretisation
-from pgdl_lab.mechanics.skin import bulge, sampled, skin
-
-if TYPE_CHECKING:
-    import ipctk
-    from scipy.sparse import csr_matrix
+from pgdl_lab.mechanics.skin import MIRROR, skin
+from pgdl_lab.mechanics.surface import ContactResponse, MirrorPlane, Pairs, Surface
+from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]
 
-
 REACH_MM = 0.05  # unless told otherwise
-# The continuous collision detection steps on by what surfaces are apart; without a limit it steps for minutes where
-# they all but touch. Beyond the limit it takes them to meet, which is safe.
-MOST_ADVANCES = 2000
 # Forces on quadratic faces come from samples, more of them than nodes: those of a uniform pressure are in error by the
 # square of the distance of samples. Where faces are too narrow for three to an edge, two must do.
 DIVISIONS = (3, 2)
+TOUCHING = 1e-3  # reaches: what is nearer at rest leaves no room for a smaller reach
 WIDEST_GAP = 10  # reaches: gaps up to it are measured
-MOST_PAIRS = 200  # of the flat skin that are looked at one by one; more take longer than a look at the fine skin
-
-
-@dataclass(frozen=True)
-class ContactResponse:
-    """The barrier and its derivatives.
-
-    Attributes
-    ----------
-    energy
-        Potential of the contact [N mm].
-    forces
-        (N, 3) its gradient [N].
-    stiffness
-        (3 N, 3 N) its Hessian [N/mm]; None if not asked for.
-    """
-
-    energy: float
-    forces: Array
-    stiffness: "csr_matrix | None"
 
 
 class Contact:
-    """The skin of a body: all of its boundary but the named parts.
+    """What keeps the faces of a body apart: outside, in each chamber, and half a body from its mirror image.
 
     Parameters
     ----------
@@ -68,130 +42,95 @@ class Contact:
     mode
         "on": the barrier acts from the start; "auto": whoever finds that surfaces touch sets `active`; "off": it never
         acts, and surfaces may pass through each other.
+    cut
+        Named boundaries where the body goes on, so that nothing can touch it there.
+
+    Raises
+    ------
+    InputError
+        When contact is not "off", and surfaces cross at rest or are within twice the reach, through air.
     """
 
-    def __init__(self, discretisation: Discretisation, reach_mm: float, stiffness_mpa: float, mode: str) -> None:
+    def __init__(
+        self,
+        discretisation: Discretisation,
+        reach_mm: float,
+        stiffness_mpa: float,
+        mode: str,
+        cut: tuple[str, ...] = (MIRROR,),
+    ) -> None:
         import ipctk
 
-        faces = skin(discretisation)
+        ipctk.set_num_threads(min(threads(), os.cpu_count() or 1))  # it complains of more
         self.mode = mode
         self.active = mode == "on"
         self.reach_mm = reach_mm
-        self._faces, self._positions = faces, discretisation.positions
-        self._flat = sampled(faces, discretisation.positions, 1)
-        self._flat_corners = self._flat.faces.reshape(len(faces), -1)
-        self._potential = ipctk.BarrierPotential(reach_mm, stiffness_mpa, use_physical_barrier=True)
+        self._rest = np.zeros_like(discretisation.positions)
+        faces, law = skin(discretisation, cut), (reach_mm, stiffness_mpa)
         for divisions in DIVISIONS:
-            self._mesh = sampled(faces, discretisation.positions, divisions)
+            surfaces = [Surface(each, discretisation.positions, divisions, *law) for each in faces]
+            self._pairs: list[Pairs] = [*surfaces]
+            if len((discretisation.basis.mesh.boundaries or {}).get(MIRROR, [])):
+                held = np.zeros(len(self._rest), dtype=bool)
+                held[discretisation.basis.get_dofs(MIRROR).all()] = True
+                self._pairs.append(MirrorPlane(surfaces, held, *law))
             # Triangles that share no vertex may be near each other at rest: a step, or the bottom of a gap.
-            near_mm = smallest_distance(self._mesh, self._mesh.rest_positions, 2 * reach_mm)
+            near_mm = min(pairs.apart_at_rest_mm for pairs in self._pairs)
             if not np.isfinite(near_mm):
                 break
-        else:
+        if mode == "off":
+            return
+        for pairs in self._pairs:
+            if pairs.apart_at_rest_mm < TOUCHING * reach_mm or pairs.penetrates(self._rest):
+                raise InputError(
+                    f"{pairs.touching_at_rest}, so nothing can keep them apart: {pairs.remedy}, or choose "
+                    "fem.contact=off."
+                )
+        if np.isfinite(near_mm):
             raise InputError(
                 f"fem.contact_mm is {reach_mm} mm; it must be below half of {near_mm:.3g} mm, the smallest distance "
-                "between surfaces of the undeformed mesh."
+                "between surfaces of the undeformed mesh: lower it, or choose fem.contact=off."
             )
 
     @cached_property
     def _seen_mm(self) -> float:
         """Distance up to which gaps are told from what is near at rest [mm]."""
         farthest = WIDEST_GAP * self.reach_mm
-        return min(smallest_distance(self._mesh, self._mesh.rest_positions, 2 * farthest) / 2, farthest)
+        return min(self._smallest_mm(self._rest, 2 * farthest) / 2, farthest)
 
-    def response(self, displacement: Array, *, hessian: bool) -> ContactResponse:
-        """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration."""
-        vertices = self._vertices(displacement)
-        touching = collisions(self._mesh, vertices, self.reach_mm)
-        energy = float(self._potential(touching, self._mesh, vertices))
-        forces = self._mesh.to_full_dof(self._potential.gradient(touching, self._mesh, vertices))
-        stiffness = None
-        if hessian:
-            stiffness = self._mesh.to_full_dof(self._potential.hessian(touching, self._mesh, vertices)).tocsr()
-        return ContactResponse(energy, forces.reshape(displacement.shape), stiffness)
+    def response(self, displacement: Array, *, hessian: bool, mirror: bool = True) -> ContactResponse:
+        """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration.
+
+        Without the `mirror` image the stiffness is that against motions which break the symmetry: they carry the image
+        along with the half, so that the gap between both stays.
+        """
+        taking_part = [pairs for pairs in self._pairs if mirror or not isinstance(pairs, MirrorPlane)]
+        first, *others = (pairs.response(displacement, hessian=hessian) for pairs in taking_part)
+        return sum(others, start=first)
 
     def free_step(self, displacement: Array, correction: Array) -> float:
         """Largest part of `correction`, at most 1, that can be added to `displacement` before surfaces meet."""
-        import ipctk
-
-        # The additive method ends soon also where nodes face each other exactly; the default one may not.
-        step: float = ipctk.compute_collision_free_stepsize(
-            self._mesh,
-            self._vertices(displacement),
-            self._vertices(displacement + correction),
-            narrow_phase_ccd=ipctk.AdditiveCCD(MOST_ADVANCES),
-        )
+        step = min(pairs.free_step(displacement, correction) for pairs in self._pairs)
         return step if step == 1 else 0.9 * step
 
     def passes(self, start: Array, end: Array) -> bool:
-        """Whether surfaces meet on the straight way between two displacements (N, 3) [mm].
-
-        The way of each node is a chord of its true path, so that a long one may seem to meet what a short one passes.
-        The faces are taken as flat between their corners: enough to see a body pass, in a fifth of the time.
-        """
-        import ipctk
-
-        ways = [self._flat.displace_vertices(np.asfortranarray(displacement)) for displacement in (start, end)]
-        free: bool = ipctk.is_step_collision_free(
-            self._flat, *ways, narrow_phase_ccd=ipctk.AdditiveCCD(MOST_ADVANCES, 0.999)
-        )
-        return not free
+        """Whether surfaces meet on the straight way between two displacements (N, 3) [mm]."""
+        return any(pairs.passes(start, end) for pairs in self._pairs)
 
     def penetrates(self, displacement: Array) -> bool:
         """Whether surfaces pass through each other at `displacement` (N, 3) [mm]."""
-        import ipctk
-
-        crossed: bool = ipctk.has_intersections(self._mesh, self._vertices(displacement))
-        return crossed
+        return any(pairs.penetrates(displacement) for pairs in self._pairs)
 
     def near(self, displacement: Array) -> bool:
         """Whether surfaces are within reach of each other."""
-        if self._apart(displacement, self.reach_mm):
-            return False
-        return not collisions(self._mesh, self._vertices(displacement), self.reach_mm).empty()
+        return any(pairs.near(displacement) for pairs in self._pairs)
 
     def gap_mm(self, displacement: Array) -> float:
         """Smallest distance between surfaces [mm]; infinite when they are farther than half of that at rest."""
-        if self._apart(displacement, self._seen_mm):
-            return float("inf")
-        return smallest_distance(self._mesh, self._vertices(displacement), self._seen_mm)
+        return self._smallest_mm(displacement, self._seen_mm)
 
-    def _apart(self, displacement: Array, distance_mm: float) -> bool:
-        """Whether it is sure, without a look at the fine skin, that surfaces are farther than `distance_mm` apart."""
-        corners = self._flat.displace_vertices(np.asfortranarray(displacement))
-        off = bulge(self._faces, self._positions + displacement)
-        found = collisions(self._flat, corners, distance_mm + 2 * float(off.max()))
-        if len(found) > MOST_PAIRS:
-            return False
-        at_vertices = np.zeros(len(corners))
-        np.maximum.at(at_vertices, self._flat_corners, off[:, None])
-        edges, triangles = self._flat.edges, self._flat.faces
-        for pair in (found[number] for number in range(len(found))):
-            apart = pair.compute_distance(pair.dof(corners, edges, triangles)) ** 0.5
-            vertices = [vertex for vertex in pair.vertex_ids(edges, triangles) if vertex >= 0]
-            if apart <= distance_mm + 2 * at_vertices[vertices].max():
-                return False
-        return True
-
-    def _vertices(self, displacement: Array) -> Array:
-        vertices: Array = self._mesh.displace_vertices(np.asfortranarray(displacement))
-        return vertices
-
-
-def collisions(mesh: "ipctk.CollisionMesh", vertices: Array, reach_mm: float) -> "ipctk.NormalCollisions":
-    """What is nearer than `reach_mm` [mm] on `mesh` with its `vertices` (V, 3) [mm]."""
-    import ipctk
-
-    found = ipctk.NormalCollisions()
-    found.use_area_weighting = True
-    found.build(mesh, vertices, reach_mm)
-    return found
-
-
-def smallest_distance(mesh: "ipctk.CollisionMesh", vertices: Array, farthest_mm: float) -> float:
-    """The smallest distance [mm] on `mesh` with its `vertices` (V, 3) [mm]; infinite beyond `farthest_mm`."""
-    found = collisions(mesh, vertices, farthest_mm)
-    return float("inf") if found.empty() else float(found.compute_minimum_distance(mesh, vertices)) ** 0.5
+    def _smallest_mm(self, displacement: Array, farthest_mm: float) -> float:
+        return min(pairs.gap_mm(displacement, farthest_mm) for pairs in self._pairs)
 
 
 class NoContact(Contact):

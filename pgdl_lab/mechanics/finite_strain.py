@@ -1,7 +1,7 @@
 """A finger as a three-dimensional finite-strain solid: from mesh to the history of its equilibria."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discre
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
+from pgdl_lab.mechanics.memory import require
 from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
 from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.solid import Solid
@@ -45,6 +46,10 @@ class LoadLeg:
         Derivative of the outer nodal forces with respect to the parameter (N, 3), at a displacement (N, 3) [mm].
     unstable
         Values of the parameter at which the equilibrium found is not a minimum of the energy.
+    watch
+        Factorises the stiffness against motions that break the symmetry; None: they are not looked at.
+    sideways
+        Values of the parameter at which the equilibrium gives way to such motions.
     """
 
     equilibrium: Equilibrium
@@ -52,7 +57,9 @@ class LoadLeg:
     tolerance_mm: float
     load: Callable[[float], Load]
     driver: Callable[[Array], Array]
+    watch: SymmetricSolver | None = None
     unstable: list[float] = field(default_factory=list)
+    sideways: list[float] = field(default_factory=list)
     _found: dict[float, Array] = field(default_factory=dict)
     _slopes: dict[float, Array] = field(default_factory=dict)
 
@@ -83,6 +90,12 @@ class LoadLeg:
         slope = np.zeros_like(displacement)
         slope[free] = self.solver.solve(self.driver(displacement)[free])
         self._slopes[parameter] = slope
+        if self.watch is not None:
+            self.solver.release()  # the factors of one matrix at a time
+            self.watch.factorise(self.equilibrium.sideways_stiffness(displacement, self.load(parameter)))
+            self.watch.release()
+            if self.watch.negative:
+                self.sideways.append(parameter)
         return slope
 
 
@@ -102,6 +115,9 @@ class History:
         Newton iterations in all, those for the weight included.
     unstable_kpa
         Pressures [kPa] at which the equilibrium is not a minimum of the energy.
+    sideways_unstable_kpa
+        Those [kPa] at which it is none of the whole body's, though it may be one of the half that is meshed: it gives
+        way to motions that break the symmetry.
     """
 
     branch: Branch
@@ -109,6 +125,7 @@ class History:
     interpolation_mm: float
     iterations: int
     unstable_kpa: list[float]
+    sideways_unstable_kpa: list[float]
 
     @property
     def reached_kpa(self) -> float:
@@ -149,6 +166,11 @@ class Model:
         "auto" (from the step in which surfaces first touch), "on" (from the start) or "off".
     contact_mm
         Distance below which surfaces push each other apart [mm].
+
+    Raises
+    ------
+    TooLarge
+        When there is not enough memory for the mesh.
     """
 
     def __init__(
@@ -157,6 +179,7 @@ class Model:
         self.finger = finger
         self.mesh = finger.mesh(edge_mm)
         self.element = choose(element, self.mesh)
+        require(self.mesh, ELEMENTS[self.element], edge_mm, finger.mesh, refined=False)
         self.contact_mm = contact_mm
         self.equilibrium = self.equilibrium_on(self.mesh, lambda on: self._contact(on, contact))
         self.discretisation = self.equilibrium.solid.discretisation
@@ -174,19 +197,23 @@ class Model:
         basis = discretisation.basis
         free = np.ones(discretisation.positions.shape, dtype=bool)
         free[basis.get_dofs("clamp").all()] = False
+        sideways = None
         if "symmetry" in mesh.boundaries:
             if not self.finger.planar:
                 raise InputError(
                     f"finger.gravity_m_s2 is {list(self.finger.gravity_m_s2)}, and half a finger cannot be pulled "
                     "along y: mesh the whole finger, without a group of symmetry, or leave out the part along y."
                 )
-            free[basis.get_dofs("symmetry").all(), 1] = False
+            plane, sideways = basis.get_dofs("symmetry").all(), free.copy()
+            free[plane, 1] = False
+            sideways[plane, 0] = sideways[plane, 2] = False
         return Equilibrium(
             Solid(discretisation, self.finger.material),
             Cavity(basis),
             self.finger.body_force_n_mm3,
             free,
             contact(discretisation),
+            sideways,
         )
 
     def _contact(self, discretisation: Discretisation, mode: str) -> Contact:
@@ -217,8 +244,10 @@ class Model:
             newton_mm,
             lambda kpa: Load(1.0, 1e-3 * kpa),
             lambda displacement: 1e-3 * equilibrium.pressure_forces(displacement),
+            watch=None if equilibrium.sideways is None else symmetric_solver(),
         )
-        with progress() as show:
+        watching = closing(inflate.watch) if inflate.watch else nullcontext()
+        with closing(self.solver), watching, progress() as show:
             resting, weighing = np.zeros_like(equilibrium.weight), 0
             if equilibrium.weight.any():
                 try:
@@ -226,7 +255,7 @@ class Model:
                 except PathEnded as end:
                     raise LabError(
                         f"The finger bears only {end.branch.parameters[-1]:.0%} of its weight: check the units of "
-                        "finger.density_kg_m3 and finger.gravity_m_s2, or refine the mesh (fem.edge_mm)."
+                        "finger.density_kg_m3 and finger.gravity_m_s2, or refine the mesh."
                     ) from None
                 resting, weighing = settled.displacements[-1], settled.iterations
             complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
@@ -235,17 +264,15 @@ class Model:
             except PathEnded as end:
                 branch, complete = end.branch, False
             error = refine(inflate, branch, pressures_kpa, interpolation_mm)
-        self.solver.close()
-        return History(branch, complete, error, weighing + branch.iterations, sorted(inflate.unstable))
+        iterations = weighing + branch.iterations
+        return History(branch, complete, error, iterations, sorted(inflate.unstable), sorted(inflate.sideways))
 
     def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
         """Reaction of the support, and sum of weight and pressure: (3,) each [N], for what is meshed.
 
-        Along x and z they cancel; along y the other half, where there is one, holds against the pressure.
+        They cancel; the other half of a finger, where only one is meshed, counts as support along y.
         """
-        balance = self.equilibrium.balance(displacement, Load(1.0, 1e-3 * kpa), stiffness=False)
-        outer = self.equilibrium.weight + 1e-3 * kpa * self.equilibrium.pressure_forces(displacement)
-        return (balance.forces * ~self.equilibrium.free).sum(axis=0), outer.sum(axis=0)
+        return self.equilibrium.reaction_and_load(displacement, Load(1.0, 1e-3 * kpa))
 
     def discretisation_error(self, history: History) -> DiscretisationError | None:
         """Estimated for the equilibrium at the highest pressure; None if none can be had."""
@@ -267,7 +294,7 @@ class Model:
         smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
         states = zip(branch.parameters, branch.displacements, strict=True)
         return {
-            "acted": contact.active,
+            "acted": contact.active and any(contact.near(displacement) for displacement in branch.displacements),
             "smallest_gap_mm": smallest if np.isfinite(smallest) else None,
             "penetration_kpa": [kpa for kpa, displacement in states if contact.penetrates(displacement)],
         }

@@ -1,6 +1,7 @@
 """Sparse direct solvers for symmetric matrices: MKL Pardiso where it is installed, SuperLU of SciPy elsewhere."""
 
 import os
+import weakref
 from importlib.metadata import PackageNotFoundError, files
 from typing import Any, Protocol
 
@@ -31,12 +32,18 @@ class SymmetricSolver(Protocol):
     def solve(self, right_hand_side: Array) -> Array:
         """Solve for one vector (n,) or several, as columns (n, m)."""
 
+    def release(self) -> None:
+        """Give back the memory of the factors, but keep the ordering for the next matrix."""
+
     def close(self) -> None:
-        """Give back the memory of the factors."""
+        """Give back all memory."""
 
 
 class Pardiso:
-    """MKL Pardiso for symmetric indefinite matrices; the ordering is kept as long as the pattern stays the same."""
+    """MKL Pardiso for symmetric indefinite matrices; the ordering is kept as long as the pattern stays the same.
+
+    Its memory is not Python's: it is given back by `close`, and at the latest with this object.
+    """
 
     name = "MKL Pardiso"
 
@@ -48,13 +55,14 @@ class Pardiso:
         # Set by hand, these are the defaults, but for iterative refinement (8): Newton's method corrects what it would.
         for number, value in {1: 1, 2: 3, 8: 0, 10: 8, 21: 1}.items():
             self._solver.set_iparm(number, value)
+        weakref.finalize(self, self._solver.free_memory, everything=True).atexit = False
         self._matrix: sp.csr_matrix | None = None
         self.negative = 0
 
     def factorise(self, upper: sp.csr_matrix) -> None:
         unused = np.zeros((upper.shape[0], 1))
-        known = self._matrix
-        if known is None or known.nnz != upper.nnz or not np.array_equal(known.indices, upper.indices):
+        known, self._matrix = self._matrix, None  # until it is factorised
+        if known is None or not same_pattern(known, upper):
             self.close()
             self._run(11, upper, unused)
         self._run(22, upper, unused)
@@ -70,10 +78,13 @@ class Pardiso:
         solution: Array = self._solver._call_pardiso(matrix, right_hand_side)
         return solution
 
-    def close(self) -> None:
+    def release(self) -> None:
         if self._matrix is not None:
-            self._solver.free_memory(everything=True)
-            self._matrix = None
+            self._solver.free_memory()
+
+    def close(self) -> None:
+        self._solver.free_memory(everything=True)
+        self._matrix = None
 
 
 class SuperLU:
@@ -96,8 +107,16 @@ class SuperLU:
         solution: Array = self._factors.solve(right_hand_side)
         return solution
 
+    def release(self) -> None:
+        self._factors = None
+
     def close(self) -> None:
         self._factors = None
+
+
+def same_pattern(one: sp.csr_matrix, other: sp.csr_matrix) -> bool:
+    """Whether two matrices have entries in the same places."""
+    return np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
 
 
 def _name_mkl() -> None:

@@ -42,9 +42,10 @@ class Solution:
 def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, tolerance_mm: float) -> Solution:
     """Find the equilibrium under `load`, starting from the displacement `start` (N, 3) [mm].
 
-    Converged when the largest correction is below `tolerance_mm` [mm]; the error left is then of the order of its
-    square. The first step is taken whole: after a large rotation the energy first rises, because the linearised step
-    stretches the body, and the second step takes that back. Every later step must lower the energy (Armijo).
+    Converged when the largest correction is below `tolerance_mm` [mm] and taken whole; the error left is then of the
+    order of its square. The first step is taken whole: after a large rotation the energy first rises, because the
+    linearised step stretches the body, and the second step takes that back. Every later step must lower the energy
+    (Armijo).
 
     Raises
     ------
@@ -64,11 +65,12 @@ def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load:
         if not np.isfinite(largest):
             raise NoConvergence
         reach = equilibrium.free_step(displacement, correction)
+        step = 1.0
         if largest > CLOSE_MM or reach < 1:
             descent = np.inf if iteration == 1 and reach == 1 else float((here.forces * correction)[free].sum())
-            correction *= step_length(equilibrium, displacement, correction, load, here, descent, reach)
-        displacement = displacement + correction
-        if largest < tolerance_mm and reach == 1:
+            step = step_length(equilibrium, displacement, correction, load, here, descent, reach)
+        displacement = displacement + step * correction
+        if largest < tolerance_mm and step == 1:
             return Solution(displacement, iteration, largest)
     raise NoConvergence
 

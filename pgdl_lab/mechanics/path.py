@@ -124,8 +124,8 @@ class NoStart(LabError):
 
     def __init__(self) -> None:
         super().__init__(
-            "No equilibrium was found at the start of the load path: refine the mesh (fem.edge_mm), or check the "
-            "material and the gravity."
+            "No equilibrium was found at the start of the load path: refine the mesh, or check the material "
+            "and the gravity."
         )
 
 

@@ -66,7 +66,7 @@ class Rod(Equilibrium):
         self.ends = np.column_stack([np.arange(len(nodes) - 1), np.arange(1, len(nodes))]).astype(np.int64)
         self.free = np.ones((len(nodes), 3), dtype=bool)
         self.free[0] = False
-        self.contact = NoContact()
+        self.contact, self.sideways = NoContact(), None
         self.weight = np.zeros((len(nodes), 3))
         for side in (0, 1):
             self.weight[self.ends[:, side], :2] += sections.mass[:, None] / 2 * gravity

@@ -1,4 +1,4 @@
-"""The observed side face of a finger that comes as a mesh: where it looks to +y."""
+"""The observed side face of a finger that comes as a mesh: the outermost of what looks to +y, at each x."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.face import Face
-from pgdl_lab.mechanics.meshcheck import outward
+from pgdl_lab.mechanics.meshcavity import outward
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -20,6 +20,9 @@ FACING = 0.7  # y of the unit normal from which on a facet looks to the side
 NEAR = 1e-6  # of the largest side of the body
 STRAIGHT = 1e-6  # sine of the angle between edges that count as one
 INWARD = 1e-10  # of the way to the middle of the element behind: points lie in it also by round-off
+NUDGE = 1e-6  # of that way: a point on an edge is then inside its own facet, and in no other
+STATIONS = 200  # along x, at which it is looked for what is outermost
+REACH = 0.1  # of the length: how far from the clamp and from the tip the face may end
 CLEAR = 0.6  # of the spacing: how far inner points keep from the outline
 
 
@@ -33,6 +36,8 @@ class Side:
         (T, 3, 3) corners x, y, z of the triangles [mm].
     inside
         (T, 3) middle of the element behind each [mm].
+    piece
+        (T,) which of the connected pieces of the face each belongs to; one may hide a part of another.
     outline
         (S, 2) numbers of the nodes at the ends of the edges that belong to one facet only.
     behind
@@ -45,6 +50,7 @@ class Side:
 
     corners: Array
     inside: Array
+    piece: Index
     outline: Index
     behind: Array
     nodes: Array
@@ -63,20 +69,17 @@ class Samples:
 def observe_side(mesh: "Mesh", count: int) -> Face:
     """Spread exactly `count` points evenly over the side face of `mesh` [mm], its outline included.
 
-    The side face is the part of the surface around the largest y in which the outward normal points mostly to +y; the
-    clamp, the cavities and the plane of symmetry are no part of it. Its base line is what is lowest at each x.
+    The side face is the part of the surface in which the outward normal points mostly to +y, with all of its connected
+    pieces that are outermost somewhere along x; the clamp, the cavities and the plane of symmetry are no part of it.
+    Its base line is what is lowest at each x.
 
     Raises
     ------
     InputError
-        When `count` does not suffice to draw the outline, or the face does not reach the clamp.
+        When `count` does not suffice to draw the outline, or the face does not reach from the clamp to the tip.
     """
     side = find(mesh)
-    if not side.clamped.any():
-        raise InputError(
-            "The side face (facets of largest y whose normal points to +y) does not reach the clamp: give the finger a "
-            "side along its length, and let x run from the clamp to the tip, z up and y to the side."
-        )
+    require_span(mesh, side)
     chains = straight_chains(side)
     fewest = len(along(side, chains, np.inf).points)
     if count < fewest:
@@ -127,6 +130,11 @@ def find(mesh: "Mesh") -> Side:
     area = outward(corners, inside)
     looks = area[:, 1] > FACING * np.linalg.norm(area, axis=1)
     facets, corners, inside = facets[looks], corners[looks], inside[looks]
+    if not len(facets):
+        raise InputError(
+            "No facet of the mesh that is neither clamp, cavity nor symmetry looks to +y: there is no side face to "
+            "observe; let x run from the clamp to the tip, z up and y to the side."
+        )
 
     going_round = mesh.facets[:, facets].T
     edges = np.stack([going_round, np.roll(going_round, -1, axis=1)], axis=-1)  # (F, 3 or 4, 2)
@@ -135,14 +143,8 @@ def find(mesh: "Mesh") -> Side:
     owner = np.repeat(np.arange(len(facets)), edges.shape[1])
     member = coo_matrix((np.ones(len(owner)), (owner, number.ravel())), shape=(len(facets), len(uses))).tocsr()
     _, piece = connected_components(member @ member.T, directed=False)
-    size = np.ptp(mesh.p, axis=1).max()
-    top = corners[:, :, 1].max(axis=1) > mesh.p[1].max() - NEAR * size
-    if not top.any():
-        raise InputError(
-            "No facet of the mesh that is neither clamp, cavity nor symmetry looks to +y where y is largest: there is "
-            "no side face to observe; let x run from the clamp to the tip, z up and y to the side."
-        )
-    kept = np.isin(piece, piece[top])
+    surface = mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].transpose(2, 1, 0)
+    kept = np.isin(piece, outermost(corners, surface, piece, NEAR * float(np.ptp(mesh.p, axis=1).max())))
     once = (uses[number.ravel()] == 1) & kept[owner]
 
     held = np.sort(_edges_of(mesh.facets[:, mesh.boundaries["clamp"]]), axis=1)
@@ -152,11 +154,65 @@ def find(mesh: "Mesh") -> Side:
     return Side(
         corners=np.concatenate([corners[kept][:, row] for row in rows]),
         inside=np.concatenate([inside[kept]] * len(rows)),
+        piece=np.concatenate([piece[kept]] * len(rows)),
         outline=outline,
         behind=inside[owner[once]],
         nodes=mesh.p.T,
         clamped=np.array([tuple(edge) in known for edge in outline.tolist()]),
     )
+
+
+def outermost(corners: Array, surface: Array, piece: Index, near_mm: float) -> Index:
+    """Which pieces are the outermost of a whole `surface` along y at some x.
+
+    Parameters
+    ----------
+    corners
+        (F, 3 or 4, 3) corners of the facets of all pieces [mm].
+    surface
+        (S, 3 or 4, 3) corners of all facets of the surface, whichever way they look [mm].
+    piece
+        (F,) the piece of each facet.
+    near_mm
+        What is so near to the outermost counts too: one face may have a groove along it [mm].
+    """
+    found: set[int] = set()
+    low, high = (float(limit) for limit in (corners[..., 0].min(), corners[..., 0].max()))
+    for station in low + (np.arange(STATIONS) + 0.5) / STATIONS * (high - low):
+        owner, y = _section(corners, station)
+        _, whole = _section(surface, station)
+        if len(whole):
+            found |= set(piece[owner[y >= whole.max() - near_mm]].tolist())
+    return np.array(sorted(found), dtype=np.int64)
+
+
+def _section(corners: Array, x_mm: float) -> tuple[Index, Array]:
+    """Where edges of facets (F, 3 or 4, 3) cross a plane x = const: the facet of each edge, and its y there [mm]."""
+    one, other = corners, np.roll(corners, -1, axis=1)
+    facet, corner = np.nonzero((one[..., 0] < x_mm) != (other[..., 0] < x_mm))
+    start, end = one[facet, corner], other[facet, corner]
+    part = (x_mm - start[:, 0]) / (end[:, 0] - start[:, 0])
+    return facet, start[:, 1] + part * (end[:, 1] - start[:, 1])
+
+
+def require_span(mesh: "Mesh", side: Side) -> None:
+    """Check that the side face reaches from the clamp to the tip.
+
+    Raises
+    ------
+    InputError
+        Otherwise.
+    """
+    x, held = mesh.p[0], mesh.p[0, mesh.facets[:, mesh.boundaries["clamp"]]]
+    first, last = float(side.corners[..., 0].min()), float(side.corners[..., 0].max())
+    reach = REACH * float(np.ptp(x))
+    if first > held.max() + reach or last < x.max() - reach or not side.clamped.any():
+        touches = "" if side.clamped.any() else ", and does not touch the clamp"
+        raise InputError(
+            f"The side face, the outermost of what looks to +y, spans x = {first:.4g} to {last:.4g} mm{touches}, but "
+            f"the body {x.min():.4g} to {x.max():.4g} mm: give the finger a side from the clamp to the tip, and let x "
+            "run that way, z up and y to the side (finger.axes)."
+        )
 
 
 def _edges_of(facets: Index) -> Index:
@@ -215,7 +271,23 @@ def along(side: Side, chains: list[tuple[Index, Index]], spacing_mm: float) -> S
     points.append(side.nodes[list(corners)])
     behind.append(side.behind[[end for end, _ in corners.values()]])
     clamped.append(np.array([held for _, held in corners.values()]))
-    return Samples(np.concatenate(points), np.concatenate(behind), np.concatenate(clamped))
+    return in_sight(side, Samples(np.concatenate(points), np.concatenate(behind), np.concatenate(clamped)))
+
+
+def in_sight(side: Side, outline: Samples) -> Samples:
+    """The points of the outline that no other piece of the face hides; of two at one place the outer one."""
+    from scipy.spatial import cKDTree
+
+    if (side.piece == side.piece[0]).all():
+        return outline
+    near = NEAR * float(np.ptp(side.corners[..., 0]))
+    nudged = outline.points + NUDGE * (outline.behind - outline.points)
+    triangle = locate(side, nudged[:, [0, 2]])
+    hidden = triangle >= 0
+    hidden[hidden] = height(side, triangle[hidden], nudged[hidden][:, [0, 2]]) > outline.points[hidden, 1] + near
+    for one, other in cKDTree(outline.points[:, [0, 2]]).query_pairs(near, output_type="ndarray"):
+        hidden[one if outline.points[one, 1] < outline.points[other, 1] else other] = True
+    return Samples(outline.points[~hidden], outline.behind[~hidden], outline.clamped[~hidden])
 
 
 def spread(side: Side, chains: list[tuple[Index, Index]], spacing_mm: float) -> Samples:
@@ -231,9 +303,7 @@ def spread(side: Side, chains: list[tuple[Index, Index]], spacing_mm: float) -> 
     near, _ = cKDTree(outline.points[:, [0, 2]]).query(grid)
     kept = (triangle >= 0) & (near > CLEAR * spacing_mm)
     grid, triangle = grid[kept], triangle[kept]
-    a, b, c = side.corners[triangle].transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
-    y = a[:, 1] - ((grid - a[:, [0, 2]]) * normal[:, [0, 2]]).sum(axis=1) / normal[:, 1]
+    y = height(side, triangle, grid)
     return Samples(
         np.concatenate([outline.points, np.column_stack([grid[:, 0], y, grid[:, 1]])]),
         np.concatenate([outline.behind, side.inside[triangle]]),
@@ -242,13 +312,30 @@ def spread(side: Side, chains: list[tuple[Index, Index]], spacing_mm: float) -> 
 
 
 def locate(side: Side, points: Array) -> Index:
-    """Triangle of the side face that covers each of `points` (N, 2) [mm], −1 where there is none."""
+    """Outermost triangle of the side face that covers each of `points` (N, 2) [mm], −1 where there is none."""
     from matplotlib.tri import Triangulation
 
-    corners = side.corners[..., [0, 2]].reshape(-1, 2)
-    unique, number = np.unique(corners, axis=0, return_inverse=True)
-    finder = Triangulation(unique[:, 0], unique[:, 1], number.reshape(-1, 3)).get_trifinder()
-    return np.asarray(finder(points[:, 0], points[:, 1]), dtype=np.int64)
+    covering, outer = np.full(len(points), -1), np.full(len(points), -np.inf)
+    for piece in np.unique(side.piece):
+        triangles = np.flatnonzero(side.piece == piece)
+        corners = side.corners[triangles][..., [0, 2]].reshape(-1, 2)
+        unique, number = np.unique(corners, axis=0, return_inverse=True)
+        finder = Triangulation(unique[:, 0], unique[:, 1], number.reshape(-1, 3)).get_trifinder()
+        found = np.asarray(finder(points[:, 0], points[:, 1]), dtype=np.int64)
+        covers = np.flatnonzero(found >= 0)
+        triangle = triangles[found[covers]]
+        y = height(side, triangle, points[covers])
+        farther = y > outer[covers]
+        covering[covers[farther]], outer[covers[farther]] = triangle[farther], y[farther]
+    return covering
+
+
+def height(side: Side, triangle: Index, points: Array) -> Array:
+    """The y (N,) [mm] of a triangle of the side face at each of `points` (N, 2) x and z [mm]."""
+    a, b, c = side.corners[triangle].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    result: Array = a[:, 1] - ((points - a[:, [0, 2]]) * normal[:, [0, 2]]).sum(axis=1) / normal[:, 1]
+    return result
 
 
 def lowest(side: Side, points: Array) -> Index:

@@ -20,6 +20,7 @@ from threadpoolctl import ThreadpoolController
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.invariants import COLUMNS, PLACES, ROWS
 from pgdl_lab.mechanics.material import FirstInvariantMaterial, Material
+from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]
 
@@ -76,8 +77,8 @@ class Solid:
             given = None if pressure is None else pressure[chunk]
             return self._respond(chunk, displacement, given, forces, matrices)
 
-        # Two threads over chunks; inside a chunk the matrices are too small for a threaded BLAS.
-        with _LIBRARIES.limit(limits=1, user_api="blas"), ThreadPoolExecutor(2) as workers:
+        # Threads over chunks; inside a chunk the matrices are too small for a threaded BLAS.
+        with _LIBRARIES.limit(limits=1, user_api="blas"), ThreadPoolExecutor(threads()) as workers:
             energy = sum(workers.map(part, chunks(count)))
         return Response(energy, forces, matrices)
 

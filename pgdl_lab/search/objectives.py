@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.registry import closest
-from pgdl_lab.search.settings import MISFIT
+from pgdl_lab.search.settings import MISFIT, NONE_LEFT, SELECTION_MM2
 
 
 def values(folder: Path, objectives: Iterable[str], targets: Mapping[str, Sequence[float]]) -> list[float]:
@@ -17,14 +17,17 @@ def values(folder: Path, objectives: Iterable[str], targets: Mapping[str, Sequen
     Raises
     ------
     InputError
-        If a metric has no such name.
+        If a metric has no such name, or there are no points to select by.
     LabError
         If there are no metrics, or one is no finite number.
     """
     file = folder / "metrics.json"
     if not file.is_file():
         raise LabError(f"The task wrote no {file.name}: search with one that does, such as task=train.")
-    metrics = dict(numbers(json.loads(file.read_text(encoding="utf-8"))))
+    tree = json.loads(file.read_text(encoding="utf-8"))
+    metrics = dict(numbers(tree))
+    if any(SELECTION_MM2 in name for name in objectives) and tree.get(SELECTION_MM2, 0) is None:
+        raise InputError(NONE_LEFT)
 
     def metric(name: str) -> float:
         return metrics[closest(name.strip(), metrics, "metric")]

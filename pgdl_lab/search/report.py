@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from pgdl_lab.files import replacing
 from pgdl_lab.folders import BEST
 from pgdl_lab.search import figures
 from pgdl_lab.search.best import write_experiment
+from pgdl_lab.search.settings import SELECTION_MM2
 from pgdl_lab.search.study import ERROR, SCHEMA, SharedStudy
 from pgdl_lab.search.tally import LOST
 
@@ -43,7 +45,7 @@ def report(shared: SharedStudy) -> list[Path]:
     for place, trial in enumerate(best, start=1):
         path = configurations / (f"pareto_{place}.yaml" if several else "best.yaml")
         values = ", ".join(f"{name} {value:.4g}" for name, value in zip(objectives, trial.values, strict=True))
-        comment = f"Trial {trial.number} of the study {shared.settings.study}: {values}"
+        comment = f"Trial {trial.number} of the study {shared.settings.study}: {values}{_tested(shared, trial)}"
         write_experiment(folder / str(trial.number), path, comment)
         written.append(path)
     if several and best:
@@ -62,6 +64,8 @@ def report(shared: SharedStudy) -> list[Path]:
         file = "pareto_1" if several else "best"
         again = f"experiment={shared.settings.study}/{file}"
         _log.info("The best runs again by: python -m pgdl_lab %s", again)
+        if told := _tested(shared, best[0]):
+            _log.info("It is trial %d%s", best[0].number, told)
         same = study.user_attrs[SCHEMA]["setting"]
         if same.get("task") == "train" and "seed" in same:
             others = ",".join(str(same["seed"] + number) for number in range(1, OTHERS + 1))
@@ -76,6 +80,15 @@ def _best(shared: SharedStudy) -> list[FrozenTrial]:
     if not shared.trials(TrialState.COMPLETE):
         return []
     return sorted(shared.study.best_trials, key=lambda trial: trial.values[0])[: None if _several(shared) else 1]
+
+
+def _tested(shared: SharedStudy, trial: FrozenTrial) -> str:
+    """The error of a trial at points that no trial was selected by, if it was selected by others."""
+    file = shared.folder / str(trial.number) / "metrics.json"
+    if not any(SELECTION_MM2 in name for name in shared.settings.directions) or not file.is_file():
+        return ""
+    mse = json.loads(file.read_text(encoding="utf-8"))["mse_mm2"]
+    return f"; over the test points, which nothing was selected by, MSE x {mse['x']:.4g}, z {mse['z']:.4g} mm²"
 
 
 def _several(shared: SharedStudy) -> bool:

@@ -17,6 +17,15 @@ DEFAULT_SAMPLER = {
 MISFIT = "misfit"
 """Objective: the most that a metric lacks to its target, in units of its tolerance."""
 
+SELECTION = "selection"
+"""What the pruner sees: the error at points that are neither trained on nor tested on."""
+SELECTION_MM2 = "selection_mm2"
+"""The same in metrics.json, by component."""
+NONE_LEFT = (
+    "The search has no points to select by: split.points takes nearly all of the trained snapshots; ask for fewer "
+    "or raise observation.points."
+)
+
 
 @dataclass(frozen=True)
 class SearchSettings:
@@ -30,7 +39,8 @@ class SearchSettings:
         Number of trials after which the study ends; pruned and failed ones count, killed ones do not.
     objectives
         Names in metrics.json that are minimised, or maximised where "maximize " stands before; a name may be a sum,
-        such as "mse_mm2.x+mse_mm2.z".
+        such as "selection_mm2.x+selection_mm2.z", the error at points that are neither trained on nor tested on: what
+        "mse_mm2" tells of the best of many trials would be too good if it were selected by.
     targets
         Metrics and [target, tolerance] of each, for the objective "misfit".
     params
@@ -40,7 +50,7 @@ class SearchSettings:
         Class (`_target_`) and arguments; None: `DEFAULT_SAMPLER`, no pruner. A sampler's `seed` is combined with the
         number of the trial.
     report
-        Quantity in the loss history that the pruner sees.
+        What the pruner sees: `SELECTION`, the error at the same points, or "raw/<loss>" of the training.
     storage
         URL of a database: a journal in PostgreSQL, Optuna's tables in others; None: the file `study.journal` in the
         study's folder. Workers share that folder either way: its locks tell them which of them live.
@@ -62,12 +72,12 @@ class SearchSettings:
 
     study: str
     n_trials: int = 30
-    objectives: list[str] = field(default_factory=lambda: ["mse_mm2.x+mse_mm2.z"])
+    objectives: list[str] = field(default_factory=lambda: [f"{SELECTION_MM2}.x+{SELECTION_MM2}.z"])
     targets: dict[str, list[float]] = field(default_factory=dict)
     params: dict[str, Any] = field(default_factory=dict)
     sampler: Any = None  # a mapping; OmegaConf puts none in the place of a typed None
     pruner: Any = None
-    report: str = "raw/data"
+    report: str = SELECTION
     storage: str | None = None
     batch: int = 1
     workers: int = 1

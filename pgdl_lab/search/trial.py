@@ -17,6 +17,8 @@ from pgdl_lab.files import replacing
 if TYPE_CHECKING:
     from lightning.pytorch import Callback
 
+    from pgdl_lab.learning.data import Samples
+
 TICKET = "trial.json"
 PRUNED = "pruned"
 """What the job of a pruned trial returns."""
@@ -42,7 +44,7 @@ class Ticket:
     pruner
         Class and arguments, or None.
     report
-        What the pruner sees, "raw/<loss>".
+        What the pruner sees, `SELECTION` or "raw/<loss>".
     trial_seconds
         Time limit [s], or None.
     """
@@ -68,14 +70,22 @@ def ticket(folder: Path) -> Ticket | None:
     return Ticket(**json.loads(file.read_text(encoding="utf-8"))) if file.is_file() else None
 
 
-def callbacks(folder: Path) -> list[Callback]:
-    """What watches the training of the job in `folder`: the pruner of its study, if it has one."""
+def callbacks(folder: Path, selection: Samples) -> list[Callback]:
+    """What watches the training of the job in `folder`: the pruner of its study, if it has one.
+
+    Parameters
+    ----------
+    folder
+        Folder of the job.
+    selection
+        The points that the search selects by.
+    """
     mine = ticket(folder)
     if mine is None or mine.pruner is None:
         return []
     from pgdl_lab.search.pruning import Pruning  # loads Optuna
 
-    return [Pruning(mine, folder)]
+    return [Pruning(mine, folder, selection)]
 
 
 @contextmanager

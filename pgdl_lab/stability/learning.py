@@ -108,7 +108,7 @@ def attempt(stress: Stress, name: str, data: Snapshots, finger: Any, seed: int, 
     noise = stress.noise * size * np.random.default_rng(seed).standard_normal(samples.displacements_mm.shape)
     samples = replace(samples, displacements_mm=samples.displacements_mm + noise)
     with tempfile.TemporaryDirectory() as folder:
-        training = Training(
+        training = Training.of(
             samples,
             Scene.of(finger, data),
             {loss: plugin("loss", loss)(weight=weight) for loss, weight in stress.losses.items()},

@@ -6,7 +6,11 @@ from pgdl_lab.tracking import tracked_run
 
 
 def run(job: Job) -> float:
-    """Run the experiment; a search minimises what is returned, the mean squared error over all unseen points [mm²]."""
+    """Run the experiment; a search minimises what is returned, the mean squared error over points to select by [mm²].
+
+    Where the training points leave none, it is that over the test points.
+    """
     with tracked_run(job.folder, job.sweep_folder) as tracked:
-        mse = pipeline.run(job.experiment, job.folder, tracked)["mse_mm2"]
+        metrics = pipeline.run(job.experiment, job.folder, tracked)
+    mse = metrics["selection_mm2"] or metrics["mse_mm2"]
     return float(mse["x"] + mse["z"])

@@ -58,6 +58,7 @@ def body(
     material: Material,
     held: Mapping[str, str],
     contact: Callable[[Discretisation], Contact] | None = None,
+    sideways: Mapping[str, str] | None = None,
 ) -> Equilibrium:
     """Equilibrium of `mesh` without weight; pressure acts on its boundary `cavity` if it has one.
 
@@ -73,17 +74,29 @@ def body(
         Components, as in "xz", that are prescribed on a named boundary; on "body", everywhere.
     contact
         Makes the contact of the skin; None: there is none.
+    sideways
+        As `held`, for motions that break a symmetry of the body; None: it has none.
     """
     if "cavity" not in mesh.boundaries:  # any facet will do, no pressure acts
         mesh = mesh.with_boundaries({**mesh.boundaries, "cavity": mesh.boundary_facets()[:1]})
     discretisation = discretise(mesh, ELEMENTS[element])
-    free = np.ones(discretisation.positions.shape, dtype=bool)
-    for name, components in held.items():
-        nodes = slice(None) if name == "body" else discretisation.basis.get_dofs(name).all()
-        for component in components:
-            free[nodes, "xyz".index(component)] = False
-    touch = contact(discretisation) if contact else NoContact()
-    return Equilibrium(Solid(discretisation, material), Cavity(discretisation.basis), np.zeros(3), free, touch)
+
+    def free_but(held: Mapping[str, str]) -> NDArray[np.bool_]:
+        free = np.ones(discretisation.positions.shape, dtype=bool)
+        for name, components in held.items():
+            nodes = slice(None) if name == "body" else discretisation.basis.get_dofs(name).all()
+            for component in components:
+                free[nodes, "xyz".index(component)] = False
+        return free
+
+    return Equilibrium(
+        Solid(discretisation, material),
+        Cavity(discretisation.basis),
+        np.zeros(3),
+        free_but(held),
+        contact(discretisation) if contact else NoContact(),
+        None if sideways is None else free_but(sideways),
+    )
 
 
 def settle(equilibrium: Equilibrium, start: Array, pressure_mpa: float = 0.0) -> Array:

@@ -76,8 +76,8 @@ class Calculix(Fem):
         )
         _log.warning(
             "The discretisation error of fem=calculix is not estimated; on a mesh of 3 mm its element is some 10 %% "
-            "off: compare with another fem.edge_mm=%g, or choose fem=solid.",
-            self.edge_mm,
+            "off: %s and compare, or choose fem=solid.",
+            finger.finer(self.edge_mm),
         )
         if course.trouble:
             raise SimulationStopped(

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 COARSE_PERCENT = 3.0
+PREVENT = {"off": "use fem.contact=auto", "auto": "use fem.contact=on", "on": "refine the mesh"}
 CONTACT_MODES = ("auto", "on", "off")
 
 
@@ -41,7 +42,8 @@ class Solid(Fem):
         (discontinuous linear pressure) or `tet10` (displacement only). `auto`: hex27_p1 or tet10_p0, whichever fits.
         With mean dilatation displacements are of second order and strains of first, one less than with linear pressure.
     contact
-        Frictionless contact of the outer surfaces: `auto` (from the step in which they first touch), `on` or `off`.
+        Frictionless contact of the outer surfaces, of the walls in a chamber, and of half a finger with its mirror
+        image: `auto` (from the step in which they first touch), `on` or `off`.
     contact_mm
         Distance below which surfaces push each other apart; they never come nearer than a part of it [mm].
     newton_mm
@@ -50,7 +52,7 @@ class Solid(Fem):
         Largest error of snapshots that are interpolated between equilibria [mm].
     estimate_error
         Whether to estimate the discretisation error at the highest pressure, by what half the edges would change; takes
-        about as long as the simulation.
+        about as long as the simulation, and some seven times its memory.
     """
 
     edge_mm: float = 3.0
@@ -73,11 +75,15 @@ class Solid(Fem):
             raise InputError(f"fem.contact is '{self.contact}'; choose one of {', '.join(CONTACT_MODES)}.")
 
     def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        from pgdl_lab.mechanics.elements import ELEMENTS
         from pgdl_lab.mechanics.finite_strain import Model
+        from pgdl_lab.mechanics.memory import require
 
         began = time.perf_counter()
         face = finger.face(observation.points)
         model = Model(finger, self.edge_mm, self.element, self.contact, self.contact_mm)
+        if self.estimate_error:
+            require(model.mesh, ELEMENTS[model.element], self.edge_mm, finger.mesh, refined=True)
         pressures = observation.pressures_kpa(finger.max_kpa)
         history = model.load(pressures, self.newton_mm, self.interpolation_mm)
         pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
@@ -94,8 +100,19 @@ class Solid(Fem):
         )
         if history.unstable_kpa:
             _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
+        if sideways := history.sideways_unstable_kpa:
+            _log.warning(
+                "At %.4g kPa and %d other pressures of %d the finger gives way sideways, which half a finger cannot "
+                "show: simulate the whole one, %s.",
+                sideways[0],
+                len(sideways) - 1,
+                len(history.branch.parameters),
+                finger.whole(),
+            )
         if crossed := snapshots.provenance["contact"]["penetration_kpa"]:
-            _log.warning("Surfaces pass through each other at %.4g kPa and more: use fem.contact=auto.", crossed[0])
+            _log.warning(
+                "Surfaces pass through each other at %.4g kPa and more: %s.", crossed[0], PREVENT[self.contact]
+            )
         if not history.complete:
             raise SimulationStopped(
                 f"{history.ending(finger, len(pressures), observation.snapshots)} Lower the pressure, thicken the "
@@ -105,23 +122,26 @@ class Solid(Fem):
         return snapshots
 
     def _discretisation_error(self, model: "Model", history: "History") -> dict[str, Any] | None:
+        from pgdl_lab.mechanics.elements import AUTO, choose
+
         if not self.estimate_error:
             return None
         error = model.discretisation_error(history)
         if error is None:
+            best = choose(AUTO, model.mesh)
             _log.warning(
-                "The discretisation error could not be estimated, so it may be large: compare with another "
-                "fem.edge_mm=%g, or choose fem.element=auto.",
-                self.edge_mm,
+                "The discretisation error could not be estimated, so it may be large: %s and compare%s.",
+                model.finger.finer(self.edge_mm),
+                "" if model.element == best else f", or choose fem.element={best}",
             )
         elif error.tip_percent > COARSE_PERCENT:
             _log.warning(
                 "On a mesh with half the edges the tip would lie %.2g mm elsewhere at %.4g kPa, %.2g %% of its "
-                "displacement: lower fem.edge_mm=%g if that matters.",
+                "displacement: %s if that matters.",
                 error.tip_mm,
                 error.kpa,
                 error.tip_percent,
-                self.edge_mm,
+                model.finger.finer(self.edge_mm),
             )
         return None if error is None else asdict(error)
 
@@ -141,6 +161,7 @@ class Solid(Fem):
             "interpolation_error_mm": history.interpolation_mm,
             "discretisation_error": self._discretisation_error(model, history),
             "unstable_kpa": history.unstable_kpa,
+            "sideways_unstable_kpa": history.sideways_unstable_kpa,
             "limit_kpa": history.limit_kpa,
             "reaction_n": reaction.tolist(),
             "load_n": outer.tolist(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Boundary(Loss):
     """Mean over the clamped points, u = 0 at x = 0, of the squared displacement [mm²]."""
+
+    unit: ClassVar[str] = "mm²"
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         clamped = scene.points_mm[scene.clamp]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from pgdl_lab.loss import Loss
 from pgdl_lab.registry import register
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Data(Loss):
     """Mean over the training points of the squared error of both components [mm²] (paper, eq. 12)."""
+
+    unit: ClassVar[str] = "mm²"
 
     def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
         return (jet.value - target_mm).square().sum(dim=1).mean()

@@ -39,6 +39,7 @@ class Equilibrium(PlaneLoss):
     """
 
     one_pressure: ClassVar[bool] = True
+    unit: ClassVar[str] = "–"
 
     weight: float = 1e-4
     edge_mm: float = 6.0

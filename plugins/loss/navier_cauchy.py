@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.loss import Loss
+from pgdl_lab.loss import PhysicsLoss
 from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ FORMS = ("published", "corrected")
 
 @register("loss", "navier_cauchy")
 @dataclass(frozen=True)
-class NavierCauchy(Loss):
+class NavierCauchy(PhysicsLoss):
     """Mean over the training points of f² + g², the residuals of the Navier–Cauchy equation (paper, eq. 13).
 
     Lengths are in mm and moduli in MPa, so that every term of the corrected form is a force per volume [N/mm³]. The
@@ -41,6 +41,7 @@ class NavierCauchy(Loss):
     """
 
     order: ClassVar[int] = 2
+    unit: ClassVar[str] = "(N/mm³)²"
 
     weight: float = 1e-4
     form: str = "corrected"

@@ -28,6 +28,7 @@ class Traction(PlaneLoss):
     """
 
     order: ClassVar[int] = 1
+    unit: ClassVar[str] = "MPa²"
 
     weight: float = 1e-2
 

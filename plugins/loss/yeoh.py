@@ -26,6 +26,7 @@ class Yeoh(PlaneLoss):
     """
 
     order: ClassVar[int] = 2
+    unit: ClassVar[str] = "(N/mm³)²"
 
     weight: float = 1e-4
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.data import Training
     from pgdl_lab.learning.process_surrogate import ProcessSurrogate
+    from pgdl_lab.loss import Loss
     from pgdl_lab.surrogate import Record
 
 
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 class GaussianProcess(Model):
     """scikit-learn's Gaussian process on the body's Laplace eigenfunctions and the pressure.
 
-    Of the losses only the data count: others are refused if they need derivatives. Error bars are its standard
-    deviation, scaled to errors at points that were held out.
+    Of the losses only the data count: nothing holds the clamp, and terms of physics are refused. Error bars are its
+    standard deviation, scaled to errors at points that were held out.
 
     Attributes
     ----------
@@ -43,24 +44,31 @@ class GaussianProcess(Model):
             if getattr(self, name) < 1:
                 raise InputError(f"model.{name} is {getattr(self, name)}; it must be at least 1.")
 
+    def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
+        from pgdl_lab.learning.linear import left_out
+
+        return left_out("gaussian_process", losses, held=(), why="it is fitted to the data alone, clamped points too")
+
     def fit(self, training: Training) -> ProcessSurrogate:
         import warnings
 
         import numpy as np
-        from threadpoolctl import threadpool_limits
 
+        from pgdl_lab.learning.clock import Clock
         from pgdl_lab.learning.gaussian_process import fitted
-        from pgdl_lab.learning.linear import refuse_derivatives
+        from pgdl_lab.learning.linear import tell_left_out
+        from pgdl_lab.learning.threads import threads
         from pgdl_lab.learning.triangulation import Triangulation
         from pgdl_lab.surrogate import Record
 
-        refuse_derivatives(training)
+        tell_left_out("gaussian_process", self.left_out(training.losses))
         scene, rng = training.scene, np.random.default_rng(training.seed)
-        with threadpool_limits(training.trainer.threads), warnings.catch_warnings():
+        clock = Clock(training.trainer.max_seconds)
+        with threads(training.trainer.threads), warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="sklearn")  # of a search that ends at a bound
             body = Triangulation(scene.points_mm, scene.triangles)
-            state = fitted(body, training.samples, self.modes, self.points, rng)
-        return self.restore(state, Record(training.samples.ranges(), dict(training.provenance), face=scene.face))
+            state = fitted(body, training.whole, self.modes, self.points, rng, clock)
+        return self.restore(state, Record(training.whole.ranges(), dict(training.provenance), face=scene.face))
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> ProcessSurrogate:
         from pgdl_lab.learning.process_surrogate import ProcessSurrogate

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.corrected import CorrectedField
     from pgdl_lab.learning.data import Samples, Training
+    from pgdl_lab.loss import Loss
     from pgdl_lab.surrogate import Record, Surrogate
 
 DRAWS = 48  # random draws that the error bars are found from
@@ -28,8 +29,8 @@ class Hybrid(TrainedModel):
     """A closed-form field, see model `pod`, that a network corrects under all losses; see `CorrectedField`.
 
     The network learns from errors of the closed form at points it was fitted without. Whether it brings anything is
-    judged on points that are set aside; if not, the closed form is kept as it is. The trained field is stored at the
-    nodes, so that it is as fast as the closed form and has its error bars.
+    judged on points that are set aside from both; if not, the closed form is kept and learns from these points too. The
+    trained field is stored at the nodes, so that it is as fast as the closed form and has its error bars.
 
     Attributes
     ----------
@@ -73,6 +74,12 @@ class Hybrid(TrainedModel):
         if self.dtype != "float64":
             raise InputError("model.dtype of hybrid is float64: in float32 the corrections drown in rounding.")
 
+    def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
+        from pgdl_lab.learning.linear import require_data
+
+        require_data("hybrid", losses)  # for its closed form
+        return {}
+
     def begin(self, training: Training) -> tuple[CorrectedField, Samples]:
         from contextlib import closing
 
@@ -89,7 +96,9 @@ class Hybrid(TrainedModel):
         with threadpool_limits(training.trainer.threads), closing(regression):
             prior = learnt_prior(regression, self.rounds, rng)
             learnt = decompose(regression, prior, DRAWS, rng)
-            samples, size_mm = cross_fitted(regression, prior, learnt, self.folds, rng)
+            samples, size_mm = training.samples, 1.0
+            if regression.allows(self.folds):  # else there is no time for the network either
+                samples, size_mm = cross_fitted(regression, prior, learnt, self.folds, rng)
         return self._field({**body, **learnt}, torch.tensor(size_mm, dtype=torch.double)), samples
 
     def _field(self, closed_form: Mapping[str, Tensor], scale_mm: Tensor) -> CorrectedField:
@@ -100,10 +109,21 @@ class Hybrid(TrainedModel):
         deep = fully_connected(inputs, outputs, self.depth, self.width, self.activation)
         return CorrectedField(closed_form, scale_mm, deep, inputs, self.correction_degree)
 
-    def finished(self, field: CorrectedField, record: Record, samples: Samples, held: NDArray[np.bool_]) -> Surrogate:
-        from pgdl_lab.learning.pod import compressed
+    def finished(self, field: CorrectedField, record: Record, training: Training) -> Surrogate:
+        from contextlib import closing
 
-        return self.restore({name: tensor.numpy() for name, tensor in compressed(field.nodal()).items()}, record)
+        import numpy as np
+
+        from pgdl_lab.learning.linear import regression_of
+        from pgdl_lab.learning.pod import compressed, known
+
+        state = field.nodal()
+        if not field.corrects and len(training.held.pressures_kpa):
+            rng = np.random.default_rng(training.seed)
+            regression, _ = regression_of(training, self.degree, training.whole)
+            with closing(regression):
+                state |= known(regression.posterior(field.prior(), DRAWS, rng))
+        return self.restore({name: tensor.numpy() for name, tensor in compressed(state).items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.registry import register
-from pgdl_lab.split import Split, nearest
+from pgdl_lab.split import Split
 
 
 @register("split", "snapshots")
@@ -15,8 +15,8 @@ from pgdl_lab.split import Split, nearest
 class WholeSnapshots(Split):
     """Points drawn at random from a few snapshots; every other pressure is held out.
 
-    The training snapshots lie nearest to the Chebyshev points of the pressure range, end points included, which
-    cluster at both ends and keep polynomial interpolation between them from oscillating.
+    The training snapshots lie as near as possible, in sum, to the Chebyshev points of the pressure range, end points
+    included, which cluster at both ends and keep polynomial interpolation between them from oscillating.
 
     Attributes
     ----------
@@ -37,8 +37,12 @@ class WholeSnapshots(Split):
                 f"split.train_snapshots is {self.train_snapshots} of {len(pressures_kpa)} snapshots, which holds none "
                 "out; ask for fewer or raise observation.snapshots."
             )
+        from scipy.optimize import linear_sum_assignment
+
         low, high = pressures_kpa[0], pressures_kpa[-1]
         chebyshev = (1 - np.cos(np.linspace(0, np.pi, self.train_snapshots))) / 2
+        # each point gets a snapshot of its own: near the ends several may be nearest to the same
+        distance_kpa = np.abs(pressures_kpa[:, None] - (low + (high - low) * chebyshev))
         seen = np.zeros(len(pressures_kpa), dtype=bool)
-        seen[nearest(pressures_kpa, low + (high - low) * chebyshev)] = True
+        seen[linear_sum_assignment(distance_kpa)[0]] = True
         return seen

@@ -11,24 +11,27 @@ import pytest
 from numpy.typing import NDArray
 from rich.console import Console
 
+from pgdl_lab.assessment import figures
 from pgdl_lab.assessment.assess import Labels, assess
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.curvature import mean_curvature_per_m, rms_distance_mm
-from pgdl_lab.assessment.paper import PUBLISHED, published
+from pgdl_lab.assessment.paper import PUBLISHED, Published, comparable, published
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.assessment.yardstick import measure
 from pgdl_lab.deploy.probe import Probe
-from pgdl_lab.registry import discover, plugin
+from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.registry import discover, names, plugin
 from pgdl_lab.surrogate import Record, Surrogate
 from tests.synthetic import MAX_KPA, bend
 from tests.trainings import TRAIN, small, training
 
 discover()
 TERM = {"raw/data": 2.0, "weighted/data": 4.0, "share/data": 1.0}
+NONE = np.empty(0, dtype=np.int64)
 ENTRY = {"epoch": 1.0, "seconds": 1.0, "lr": 1e-3, "loss": 4.0, **TERM}
 
 
-LABELS = Labels("pneunet", "solid", "random", "mlp", ["data"], 0)
+LABELS = Labels("pneunet", "solid", "random", "mlp", ["data"], {}, 0)
 
 
 class Shifted(Surrogate):
@@ -84,6 +87,17 @@ def test_mse_counts_only_unseen_points() -> None:
     assert all(row["max_abs_mm"] == pytest.approx(0.3) for row in comparison.by_pressure())
 
 
+def test_points_that_a_search_selects_by_are_not_tested_on() -> None:
+    data = small()
+    predicted = data.displacements + [0.3, -0.1]
+    selection = np.arange(3, data.displacements.size // 2, 7)
+    predicted.reshape(-1, 2)[selection] += [0.7, 0.0]
+    comparison = Comparison(data, predicted, np.arange(0, data.displacements.size // 2, 7), selection=selection)
+    assert comparison.mse_mm2() == pytest.approx({"x": 0.09, "z": 0.01})
+    assert comparison.selection_mm2() == pytest.approx({"x": 1.0, "z": 0.01})
+    assert Comparison(data, predicted, TRAIN).selection_mm2() is None
+
+
 def test_snapshots_without_training_points_are_unseen() -> None:
     data = small()
     nodes = len(data.points)
@@ -97,16 +111,19 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     data = small()
     labels = replace(LABELS, split=split)
     seconds = {"simulate": 1.0, "simulate_cached": 0.0, "train": 2.0}
-    found = assess(
-        Shifted(), data, TRAIN, plugin("split", split)(), labels, seconds, tmp_path, training(tmp_path, {"data": {}})
-    )
+    selection = np.setdiff1d(np.arange(500), TRAIN)
+    how = training(tmp_path, {"data": {}})
+    found = assess(Shifted(), data, TRAIN, selection, plugin("split", split)(), labels, seconds, tmp_path, how)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics == json.loads(json.dumps(found.metrics))
     assert list(metrics) == [
-        "finger", "fem", "split", "model", "losses", "seed", "points", "train_points", "test_points", "seconds",
-        "mse_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "residuals", "yardstick",
+        "finger", "fem", "split", "model", "losses", "left_out", "seed", "points", "train_points",
+        "selection_points", "test_points", "seconds", "mse_mm2", "selection_mm2", "error_bar", "by_pressure",
+        "extremes_mm", "curvature", "latency_ms", "residuals", "yardstick",
     ]  # fmt: skip
-    assert metrics["points"] == metrics["train_points"] + metrics["test_points"] == 20 * len(data.points)
+    parts = [metrics[f"{part}_points"] for part in ("train", "selection", "test")]
+    assert metrics["points"] == sum(parts) == 20 * len(data.points) and parts[1] == len(selection)
+    assert metrics["selection_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
     assert metrics["mse_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
     assert len(metrics["by_pressure"]) == len(metrics["curvature"]) == 20
@@ -117,11 +134,11 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     assert extremes["surrogate"]["x"][0] - extremes["fem"]["x"][0] == pytest.approx(0.3)
     for part in (metrics["latency_ms"], metrics["latency_ms"]["all_threads"]):
         assert 0 < part["tip"]["median"] <= part["tip"]["p99"] and part["full_field"]["median"] > 0
-    names = {"field_x", "field_z", "base_lines", "mse_over_pressure", "loss_history"}
-    assert {path.stem for path in found.figures} == names == {path.stem for path in (tmp_path / "figures").iterdir()}
+    drawn = {"field_x", "field_z", "base_lines", "mse_over_pressure", "loss_history"}
+    assert {path.stem for path in found.figures} == drawn == {path.stem for path in (tmp_path / "figures").iterdir()}
     assert all(path.stat().st_size > 10_000 for path in found.figures)
     console = Console(width=140, record=True, file=io.StringIO())
-    console.print(closing_table(found.metrics, found.highlights))
+    console.print(closing_table(found.metrics, found.highlights, published("pneunet", split)))
     text = console.export_text()
     assert all(unit in text for unit in ("[kPa]", "[mm²]", "[mm]", "[s]", "[ms]"))
     assert "9.00e-02" in text and "-63.43" in text and ("0.017" in text) == (split == "extrapolate")
@@ -142,17 +159,51 @@ def test_coverage_is_the_share_of_unseen_errors_within_the_bars() -> None:
 
 def test_table_shows_the_yardstick_and_the_coverage_beside_the_model(tmp_path: Path) -> None:
     data, split = small(), plugin("split", "random")()
-    chosen = training(tmp_path, {"data": {}, "navier_cauchy": {}})
-    yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN)
+    chosen = training(tmp_path, {"data": {"weight": 0.0}, "navier_cauchy": {}, "equilibrium": {}})
+    yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN, NONE)
     assert yardstick["model"] == "finite_element" and yardstick["mse_mm2"]["x"] < 1e-2
-    found = assess(Shifted(), data, TRAIN, split, LABELS, {}, tmp_path, training(tmp_path, {"data": {}}), yardstick)
+    found = assess(
+        Shifted(), data, TRAIN, NONE, split, LABELS, {}, tmp_path, training(tmp_path, {"data": {}}), yardstick
+    )
     barred = {**found.metrics, "error_bar": {"covered_x": 0.9, "covered_z": 1.0, "median_mm": 1.0}}
     barred["by_pressure"] = [{**row, "covered": 0.777} for row in found.metrics["by_pressure"]]
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(closing_table(barred, found.highlights))
+    console.print(closing_table(barred, found.highlights, published("pneunet", "random")))
     text = console.export_text()
     assert "yardstick finite_element" in text and f"{yardstick['mse_mm2']['z']:.2e}" in text
     assert "77.7%" in text and "95.0%" in text
+
+
+def test_the_paper_stands_beside_its_own_fingers_alone(tmp_path: Path) -> None:
+    data, split, finger = small(), plugin("split", "random"), plugin("finger", "pneunet")
+    assert comparable(finger(), split()) == published("pneunet", "random")
+    others = (finger(chambers=3), finger(max_kpa=20.0), finger(material=Yeoh(c1_mpa=0.2)), plugin("finger", "mesh")())
+    assert all(comparable(other, split()) == Published() for other in others)
+    fewer = comparable(finger(), split(points=300))
+    assert fewer.fem_mm and not fewer.mse_mm2 and not fewer.surrogate_mm
+    assert not comparable(finger(), plugin("split", "extrapolate")(train_fraction=0.5, tested=[0.9])).mse_mm2
+
+    found = assess(Shifted(), data, TRAIN, NONE, split(), LABELS, {}, tmp_path, training(tmp_path, {"data": {}}))
+    for paper, words in ((Published(), 0), (fewer, 1), (published("pneunet", "random"), 4)):
+        console = Console(width=140, record=True, file=io.StringIO())
+        console.print(closing_table(found.metrics, found.highlights, paper))
+        text = console.export_text()
+        assert text.count("paper") == words and ("-63.43" in text) == bool(words)
+
+
+def test_history_and_table_name_the_unit_of_each_loss(tmp_path: Path) -> None:
+    losses = {name: plugin("loss", name)() for name in names("loss")}
+    history = [{f"{key}/{name}": 1.0 for name in losses for key in ("raw", "weighted", "share")} | {"seconds": 1.0}]
+    build = figures._loss_history(history, {name: loss.unit for name, loss in losses.items()})
+    labels = [text.get_text() for text in build().axes[0].get_legend().get_texts()]
+    assert {"traction [MPa²]", "equilibrium [–]", "data [mm²]", "yeoh [(N/mm³)²]"} <= set(labels)
+    assert len(labels) == len(losses) and all("[" in label for label in labels)
+
+    how = training(tmp_path, {"data": {}, "boundary": {}})
+    found = assess(Shifted(), small(), TRAIN, NONE, plugin("split", "random")(), LABELS, {}, tmp_path, how)
+    console = Console(width=140, record=True, file=io.StringIO())
+    console.print(closing_table(found.metrics, found.highlights, Published()))
+    assert "boundary [mm²]" in console.export_text()
 
 
 def test_published_figures_belong_to_known_splits() -> None:

@@ -13,7 +13,10 @@ from pgdl_lab.choosing.settings import ChooseSettings
 from pgdl_lab.composing import experiment
 from pgdl_lab.errors import InputError
 from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics import memory
+from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.memory import Size
 from pgdl_lab.registry import describe
 from pgdl_lab.snapshots import Observation
 from pgdl_lab.tasks.choose import choose
@@ -71,6 +74,16 @@ def test_a_tolerance_out_of_reach_is_said_before_the_finest_mesh_is_paid_for(fol
     assert not choice.met and choice.model is None
     assert describe(choice.fem)["edge_mm"] > 3
     assert any(reason.startswith("NOT MET: 0.0001 mm is out of reach") for reason in choice.reasons)
+
+
+def test_a_mesh_that_needs_more_memory_than_there_is_ends_the_climb(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    coarse = Size.of(FINGER.mesh(6.0)).refined().needed(ELEMENTS["hex27_p1"])
+    monkeypatch.setattr(memory, "available", lambda: coarse + 1)
+    choice = chosen(folder, FINGER, tolerance_mm=0.03)
+    assert not choice.met and describe(choice.fem)["edge_mm"] == 6.0
+    assert any("out of reach (The mesh of fem.edge_mm=3" in reason and "GB" in reason for reason in choice.reasons)
 
 
 def test_what_does_nothing_is_left_out(folder: Path) -> None:

@@ -20,6 +20,7 @@ from pgdl_lab.surrogate import Surrogate
 from pgdl_lab.tracking import RUN_ID
 from tests.conftest import Lab
 from tests.deploy.browser import browser
+from tests.needs import need
 from tests.test_surrogate import trained
 from tests.trainings import small, training
 
@@ -33,6 +34,7 @@ def surrogate(tmp_path_factory: pytest.TempPathFactory) -> Surrogate:
 
 @pytest.fixture(scope="module")
 def window(surrogate: Surrogate, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    need("chromium", "chromedriver")
     folder = tmp_path_factory.mktemp("page")
     path = folder / "viewer.html"
     path.write_text(page(surrogate, small(), "A </script> finger"), encoding="utf-8")

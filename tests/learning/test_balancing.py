@@ -33,6 +33,23 @@ def test_slower_term_gets_the_larger_factor() -> None:
     assert sum(balancer.factors.values()) == pytest.approx(2)
 
 
+def test_relobralo_by_hand() -> None:
+    """Shares are 2 / (1 + exp(difference of the ratios)) for the lesser ratio, 2 minus that for the other."""
+    balancer = Balancer(BalancingSettings("relobralo", memory=0.9), TERMS)
+
+    def factors(strong: float, weak: float, draw: float) -> list[float]:
+        balancer.by_progress({"strong": strong, "weak": weak}, draw)
+        return [balancer.factors["strong"], balancer.factors["weak"]]
+
+    assert factors(4.0, 1.0, draw=0.0) == [1, 1]  # nothing to compare with
+    # to the last: ratios 0.5 and 1, shares 0.755081 and 1.244919
+    assert factors(2.0, 1.0, draw=0.5) == pytest.approx([0.975508, 1.024492], abs=1e-6)
+    # to the last: 0.5 and 0.9, shares 0.802625 and 1.197375; to the first: 0.25 and 0.9, 0.685980 and 1.314020
+    assert factors(1.0, 0.9, draw=0.0) == pytest.approx([0.697644, 1.302356], abs=1e-6)
+    # to the last: 1 and 1, shares 1 and 1
+    assert factors(1.0, 0.9, draw=0.5) == pytest.approx([0.727880, 1.272120], abs=1e-6)
+
+
 def test_term_without_a_gradient_keeps_its_factor() -> None:
     balancer = Balancer(BalancingSettings("gradient_norm"), TERMS)
     balancer.by_gradients({"strong": 2.0, "weak": 0.0})

@@ -126,7 +126,7 @@ def test_finished_training_is_not_trained_again(tmp_path: Path) -> None:
 
 def test_time_before_a_resume_counts(tmp_path: Path) -> None:
     first = mlp().fit(training(tmp_path, LOSSES, max_time="0.3", max_epochs=10**6))
-    assert 0.3 <= first.record.history[-1]["seconds"] < 5
+    assert 0.2 <= first.record.history[-1]["seconds"] < 5
     again = mlp().fit(training(tmp_path, LOSSES, max_time="0.3", max_epochs=10**6))
     assert torch.equal(weights(first), weights(again))
 
@@ -150,7 +150,7 @@ def test_divergence_stops_and_keeps_the_last_good_weights(tmp_path: Path) -> Non
     [
         (mlp(depth=3), {}, "model.depth is 2 there and 3 here"),
         (mlp(), {"seed": 1}, "seed is 0 there and 1 here"),
-        (body(), {}, "model.degree is None there and 5 here"),
+        (body(), {}, "model.name is mlp there and body here"),
         (mlp(), {"lr": 0.5}, "optimizer.lr"),
     ],
 )
@@ -193,6 +193,6 @@ def test_gpu_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_one_pressure_is_enough_to_train_on(tmp_path: Path) -> None:
-    whole = training(tmp_path, LOSSES)
+    whole = training(tmp_path, LOSSES, validation=0.0)
     samples = replace(whole.samples, pressures_kpa=np.full(len(TRAIN), 20.0))
     assert np.isfinite(mlp().fit(replace(whole, samples=samples)).predict(samples.points_mm[:2], 20.0)).all()

@@ -1,6 +1,5 @@
 """Closed-form derivatives against automatic differentiation and against derivatives by hand, in float64."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from pgdl_lab.learning.jet import ROWS, Affine, nested, propagate
 from pgdl_lab.learning.layers import fully_connected
 from pgdl_lab.registry import discover, plugin
 from pgdl_lab.surrogate import Surrogate
+from tests.needs import need
 from tests.trainings import training
 
 discover()
@@ -180,8 +180,8 @@ def test_derivatives_are_physical_whatever_the_scaling(tmp_path: Path) -> None:
     assert not jet.gradient[:, 1].any()
 
 
-@pytest.mark.skipif(not shutil.which("g++"), reason="no C++ compiler")
 def test_a_compiled_training_gives_the_same_field(tmp_path: Path) -> None:
+    need("g++")
     losses = {"data": {}, "navier_cauchy": {"weight": 1e-3}}
     fields: list[Surrogate] = []
     for compiled in (False, True):

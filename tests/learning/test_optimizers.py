@@ -10,6 +10,7 @@ from pgdl_lab.learning.fit import fit
 from pgdl_lab.learning.levenberg_marquardt import LevenbergMarquardt
 from pgdl_lab.learning.module import surely_less
 from pgdl_lab.learning.objective import Objective
+from pgdl_lab.learning.stages import PATIENCE, Lbfgs
 from pgdl_lab.registry import discover, plugin
 from tests.trainings import training
 
@@ -74,7 +75,7 @@ def test_levenberg_marquardt_solves_a_linear_problem_at_once(tmp_path: Path) -> 
 def test_optimisers_follow_each_other_and_say_why_they_end(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO):
         history = fit(small(), training(tmp_path, LOSSES, name=["muon", "lbfgs"], max_epochs=8)).record.history
-    assert "Optimizer muon ends after epoch 5: its share of the budget is spent." in caplog.text
+    assert "Optimizer muon ends after epoch 4: its share of the budget is spent." in caplog.text
     assert [entry["epoch"] for entry in history] == list(range(1, 9))
     assert history[-1]["raw/data"] < history[3]["raw/data"]
 
@@ -139,3 +140,21 @@ def test_what_an_optimiser_cannot_do_is_said(
 ) -> None:
     with pytest.raises(InputError, match=words):
         fit(small(**fields), training(tmp_path, LOSSES, **settings))
+
+
+def test_lbfgs_remembers_through_a_checkpoint_for_how_long_nothing_was_gained() -> None:
+    weight = torch.nn.Parameter(torch.zeros(1, dtype=torch.double))
+
+    def closure() -> torch.Tensor:
+        weight.grad = torch.ones_like(weight)  # a slope that leads nowhere
+        return torch.ones((), dtype=torch.double)
+
+    def steps(stage: Lbfgs, count: int) -> list[str | None]:
+        return [stage.step(closure) for _ in range(count)]
+
+    whole = steps(Lbfgs([weight]), PATIENCE + 1)
+    assert whole[:-1] == [None] * PATIENCE and "no longer falls" in str(whole[-1])
+    before, after = Lbfgs([weight]), Lbfgs([weight])
+    assert steps(before, PATIENCE - 1) == whole[: PATIENCE - 1]
+    after.restore(before.state())
+    assert steps(after, 2) == whole[PATIENCE - 1 :]

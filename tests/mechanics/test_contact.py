@@ -1,14 +1,15 @@
-"""Contact of the skin with itself: derivatives, steps that end before a penetration, chambers that touch."""
+"""Contact of the outer skin with itself: derivatives, steps that end before a penetration, chambers that touch."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from skfem import MeshHex
+from skfem import CellBasis, MeshHex
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import SimulationStopped
+from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
@@ -37,21 +38,54 @@ def closed_to(mesh: Discretisation, gap_mm: float, slip_mm: float = 0.0) -> NDAr
     return share[:, None] * [gap_mm - GAP_MM, 0.0, slip_mm]
 
 
-def test_skin_is_all_that_is_neither_held_nor_pressed(mesh: Discretisation) -> None:
-    side = 2 * 10.5 * 17 + 8
-    around = 22 + 17 + 2 * 10.5 + 2 * 9 + 1  # base, tip, roofs, walls and bottom of the gap [mm]
-    for divisions in (1, 3):
-        surface = sampled(skin(mesh), mesh.positions, divisions)
-        corners = surface.rest_positions[surface.faces]
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-        assert area == pytest.approx(side + 8 * around)
-        # Watertight but for the clamp, the plane of symmetry and the openings of the cavities in both.
-        edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        assert np.isin(np.unique(edges, axis=0, return_counts=True)[1], (1, 2)).all()
+def test_skin_is_all_but_the_plane_of_symmetry_sorted_by_air(mesh: Discretisation) -> None:
+    side = 2 * 10.5 * 17 + 8  # [mm²]
+    around = 22 + 17 + 2 * 10.5 + 2 * 9 + 1 + 17  # base, tip, roofs, walls and bottom of the gap, clamp [mm]
+    section = 2 * 4.5 * 9 + 16 * 2  # of both chambers and the channel [mm²]
+    walls = 16 + 2 * 4.5 + 7 + 2 * 11 + 2 * 9  # around it [mm]
+    outside = side + 8 * around, 8 * (22 * 17 - 1 * 9)
+    inside = section + 5 * walls, -5 * section  # normals point into the chamber
+    for faces, (area, volume) in zip(skin(mesh), (outside, inside), strict=True):
+        for divisions in (1, 3):
+            surface = sampled(faces, mesh.positions, divisions)
+            corners = surface.positions[surface.triangles]
+            areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+            assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(area)
+            assert (areas * corners.mean(axis=1)).sum() / 3 == pytest.approx(volume)
+            # Watertight but for the plane of symmetry: there its rim lies.
+            edges = np.sort(surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+            edges, times = np.unique(edges, axis=0, return_counts=True)
+            assert np.isin(times, (1, 2)).all()
+            assert (np.abs(surface.positions[edges[times == 1]][..., 1]) < 1e-9).all()
+
+
+def test_naming_a_face_leaves_it_in_the_skin(mesh: Discretisation) -> None:
+    named = mesh.basis.mesh.with_boundaries(
+        {
+            **mesh.basis.mesh.boundaries,
+            "tip": lambda x: np.isclose(x[0], 22),
+            "facing": lambda x: np.isclose(x[0], 10.5),
+        }
+    )
+    same = replace(mesh, basis=CellBasis(named, mesh.basis.elem))
+    for faces, others in zip(skin(mesh), skin(same), strict=True):
+        np.testing.assert_array_equal(faces, others)
+
+
+def test_samples_of_strangers_stay_apart() -> None:
+    """Two triangles far apart, whose nodes are so many numbers away that chance could take them for the same."""
+    count = 3_000_000
+    random = np.random.default_rng(0).random(count)
+    order = np.argsort(random)
+    close = int(np.diff(random[order]).argmin())
+    one, other = order[close : close + 2]
+    faces = np.array([[one, 1, 2, 3, 4, 5], [other, 11, 12, 13, 14, 15]])
+    assert random[order[close + 1]] - random[order[close]] < 1e-12
+    assert len(sampled(faces, np.zeros((count, 3)), 1).positions) == 6
 
 
 def test_samples_follow_quadratic_faces_and_share_out_forces(mesh: Discretisation) -> None:
-    surface = sampled(skin(mesh), mesh.positions, 3)
+    surface = collision_mesh(sampled(skin(mesh)[0], mesh.positions, 3))
     at, x = surface.rest_positions, mesh.positions
 
     def bend(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -65,10 +99,10 @@ def test_samples_follow_quadratic_faces_and_share_out_forces(mesh: Discretisatio
 
 
 def test_bulge_bounds_how_far_faces_are_from_flat(mesh: Discretisation) -> None:
-    faces, random = skin(mesh), np.random.default_rng(0)
+    faces, random = np.concatenate(skin(mesh)), np.random.default_rng(0)
     assert bulge(faces, mesh.positions).max() < 1e-12
     moved = mesh.positions + 0.05 * random.normal(size=mesh.positions.shape)
-    fine, flat = (sampled(faces, mesh.positions, divisions) for divisions in (6, 1))
+    fine, flat = (collision_mesh(sampled(faces, mesh.positions, divisions)) for divisions in (6, 1))
     fine_at, flat_at = (
         surface.displace_vertices(np.asfortranarray(moved - mesh.positions)) for surface in (fine, flat)
     )
@@ -129,8 +163,18 @@ def test_free_step_ends_before_surfaces_meet(mesh: Discretisation) -> None:
 
 
 def test_reach_beyond_the_mesh_is_refused(mesh: Discretisation) -> None:
-    with pytest.raises(InputError, match="fem.contact_mm is 0.6 mm; it must be below half"):
+    with pytest.raises(InputError, match="fem.contact_mm is 0.6 mm; it must be below half .*: lower it, or choose"):
         Contact(mesh, 0.6, 0.05, "on")
+    crossed = Contact(mesh, 0.6, 0.05, "off")  # never acts, so its reach does not matter
+    assert crossed.penetrates(closed_to(mesh, -0.5, slip_mm=0.1)) and not crossed.penetrates(closed_to(mesh, 0.5))
+
+
+def test_no_reach_is_asked_for_without_contact() -> None:
+    finger = pneunet(gap_mm=0.05)
+    with pytest.raises(InputError, match=r"fem.contact_mm is 0.05 mm; it must be below half of 0.0\d+ mm"):
+        solid().simulate(finger, OBSERVATION)
+    report = solid(contact="off").simulate(replace(finger, max_kpa=1.0), OBSERVATION).provenance["contact"]
+    assert not report["acted"]
 
 
 def thin(contact: str, max_kpa: float) -> Snapshots:
@@ -147,8 +191,9 @@ def test_contact_comes_in_when_chambers_touch_and_prevents_penetration() -> None
 
 
 def test_no_contact_where_nothing_touches() -> None:
-    watched, blind = thin("auto", 4.0), thin("off", 4.0)
-    assert not watched.provenance["contact"]["acted"]
+    watched, ready, blind = (thin(mode, 4.0) for mode in ("auto", "on", "off"))
+    assert not watched.provenance["contact"]["acted"] and not ready.provenance["contact"]["acted"]
+    np.testing.assert_allclose(ready.displacements, blind.displacements, atol=1e-9)
     np.testing.assert_allclose(watched.displacements, blind.displacements, atol=1e-9)
 
 

@@ -1,11 +1,15 @@
 """The whole solid: Newton's method, the reference finger, and snapshots against equilibria solved for one by one."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.mechanics import path
 from pgdl_lab.mechanics.contact import NoContact
-from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.equilibrium import Balance, Load
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.linear import SuperLU
 from pgdl_lab.mechanics.newton import NoConvergence, solve
@@ -19,8 +23,6 @@ def model() -> Model:
 
 def test_tangent_against_differences(model: Model) -> None:
     """The whole stiffness, load stiffness included, is the derivative of the residual, and that of the energy."""
-    import scipy.sparse as sp
-
     free, random, step, load = model.equilibrium.free, np.random.default_rng(0), 1e-6, Load(1.0, 0.03)
     at, direction = 0.02 * random.normal(size=free.shape) * free, random.normal(size=free.shape) * free
     here = model.equilibrium.balance(at, load, stiffness=True)
@@ -43,6 +45,36 @@ def test_newton_converges_quadratically_and_both_solvers_agree(model: Model) -> 
     assert np.abs(model.equilibrium.balance(tight.displacement, load, stiffness=False).forces).max() > 1e-3  # reactions
     held = ~model.equilibrium.free
     assert (tight.displacement[held] == 0).all()
+
+
+def test_newton_does_not_end_with_a_step_that_was_damped() -> None:
+    """Newton's steps to the minimum of a (a² + x²)^½ [N mm] lead farther away from where |x| > a."""
+
+    class Cone:
+        free = np.array([[True, False, False]])
+
+        def balance(self, displacement: np.ndarray, load: Load, *, stiffness: bool) -> Balance:
+            x, a = displacement[0, 0], 0.01
+            root = np.hypot(a, x)
+            return Balance(a * root, np.array([[a * x / root, 0, 0]]), sp.csr_matrix([[a**3 / root**3]]))
+
+        def free_step(self, displacement: np.ndarray, correction: np.ndarray) -> float:
+            return 1.0
+
+    cone: Any = Cone()
+    found = solve(cone, SuperLU(), np.array([[-0.029158, 0, 0]]), Load(0.0, 0.0), 0.05)
+    assert abs(found.displacement[0, 0]) < 1e-3  # a damped last step left 2.8e-3 mm
+
+
+def test_solver_is_closed_when_a_finger_does_not_bear_its_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, calls = Model(pneunet(gravity_m_s2=[0.0, -1e6]), 6.0, "hex20"), list[str]()
+    for name in ("factorise", "solve", "close"):
+        method = getattr(model.solver, name)
+        monkeypatch.setattr(model.solver, name, lambda *a, m=method, n=name: (m(*a), calls.append(n))[0])
+    monkeypatch.setattr(path, "SMALLEST_STEP", 1e-2)
+    with pytest.raises(LabError, match="bears only"):
+        model.load(np.array([20.0]), 1e-6, 1e-3)
+    assert "factorise" in calls and calls[-1] == "close"
 
 
 def test_newton_gives_up_beyond_the_bursting_pressure() -> None:

@@ -1,3 +1,6 @@
+import ctypes
+import gc
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -50,3 +53,33 @@ def test_solves_several_columns_at_once(solver: SymmetricSolver) -> None:
     solver.factorise(sp.triu(full).tocsr())
     np.testing.assert_allclose(full @ solver.solve(columns), columns, atol=1e-8)
     solver.close()
+
+
+def test_entries_that_move_to_another_row_are_ordered_anew(solver: SymmetricSolver) -> None:
+    apart = sp.csr_matrix(np.diag([2.0, 3.0, 5.0]))
+    coupled = sp.csr_matrix((np.array([1.0, 4.0, 5.0]), np.array([0, 1, 2]), np.array([0, 2, 2, 3])), shape=(3, 3))
+    right = np.array([1.0, 2.0, 3.0])
+    solver.factorise(apart)
+    solver.factorise(coupled)
+    np.testing.assert_allclose((coupled + sp.triu(coupled, 1).T) @ solver.solve(right), right, atol=1e-12)
+    solver.close()
+
+
+def test_memory_of_a_factorisation_ends_with_its_solver() -> None:
+    """Also where a failure keeps it from being closed; MKL counts what it holds."""
+    pytest.importorskip("pypardiso", reason="MKL Pardiso exists on x86-64 only")
+
+    def held() -> int:
+        gc.collect()
+        count = Pardiso()._solver.libmkl.MKL_Mem_Stat
+        count.restype = ctypes.c_longlong
+        return int(count(ctypes.byref(ctypes.c_int())))
+
+    def leave() -> None:
+        solver = Pardiso()
+        solver.factorise(sp.triu(matrix(0, seed=0)).tocsr())
+
+    leave()
+    before = held()
+    leave()
+    assert held() == before

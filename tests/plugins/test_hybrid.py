@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -6,6 +7,7 @@ import pytest
 import torch
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.learning.data import Training
 from pgdl_lab.registry import discover, plugin
 from tests.trainings import small, training
 
@@ -17,17 +19,22 @@ def hybrid(**fields: Any) -> Any:
     return plugin("model", "hybrid")(**{**QUICK, **fields})
 
 
+def all_shown(folder: Path) -> Training:
+    """A training of which no point is set aside."""
+    return training(folder, {"data": {}}, validation=0.0)
+
+
 def finished(field: Any, record: Any) -> Any:
-    return hybrid().finished(field, record, None, None)
+    return hybrid().finished(field, record, all_shown(Path()))
 
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    return hybrid().begin(training(tmp_path_factory.mktemp("hybrid"), {"data": {}}))
+    return hybrid().begin(all_shown(tmp_path_factory.mktemp("hybrid")))
 
 
 def test_starts_as_the_closed_form(tmp_path: Path, begun: Any) -> None:
-    whole, data = training(tmp_path, {"data": {}}), small()
+    whole, data = all_shown(tmp_path), small()
     closed = plugin("model", "pod")(degree=3, rounds=1).fit(whole)
     surrogate = finished(begun[0], closed.record)
     points, kpa = data.points[::7], np.array([0.0, 10.0, 50.0])
@@ -37,7 +44,7 @@ def test_starts_as_the_closed_form(tmp_path: Path, begun: Any) -> None:
 
 def test_is_shown_errors_at_points_it_was_not_fitted_to(tmp_path: Path, begun: Any) -> None:
     field, shown = begun
-    whole = training(tmp_path, {"data": {}})
+    whole = all_shown(tmp_path)
     surrogate = finished(field, plugin("model", "pod")(degree=3, rounds=0).fit(whole).record)
     samples = whole.samples
     here = np.stack([
@@ -79,6 +86,21 @@ def test_training_never_ends_worse_than_the_closed_form_on_the_points_set_aside(
         for each in (surrogate, closed)
     )
     assert ours <= 1.05 * theirs
+
+
+def test_a_network_that_gains_nothing_leaves_the_closed_form_of_all_points(tmp_path: Path) -> None:
+    how = training(tmp_path, {"data": {}}, max_epochs=1, lr=10.0, validation=0.3)
+    ours, data = hybrid().fit(how), small()
+    whole = plugin("model", "pod")(degree=3, rounds=1).fit(all_shown(tmp_path))
+    part = plugin("model", "pod")(degree=3, rounds=1).fit(replace(how, held=how.held.at(np.arange(0))))
+    point = (data.points, 30.0)
+    off, near = (np.abs(ours.predict(*point) - other.predict(*point)).mean() for other in (part, whole))
+    assert near < off / 3
+
+
+def test_its_closed_form_needs_data(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"model=hybrid is fitted to the data, and loss=\[boundary\] does not count"):
+        hybrid().fit(training(tmp_path, {"boundary": {}}))
 
 
 @pytest.mark.parametrize(

@@ -91,9 +91,28 @@ def test_noise_costs_no_modes_that_the_data_tell(tmp_path: Path) -> None:
     assert np.sqrt((errors(surrogate) ** 2).mean()) < 0.5  # less than the noise
 
 
-def test_losses_with_derivatives_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot take in loss navier_cauchy"):
-        plugin("model", "finite_element")().fit(training(tmp_path, {"data": {}, "navier_cauchy": {}}))
+@pytest.mark.parametrize("name", ["pod", "finite_element", "gaussian_process"])
+def test_what_a_closed_form_cannot_use_is_refused_or_told(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    model = plugin("model", name)(**({"points": 50, "modes": 4} if name == "gaussian_process" else {"degree": 3}))
+
+    def fitted(losses: dict[str, dict[str, float]]) -> Surrogate:
+        surrogate = model.fit(training(tmp_path, losses))
+        assert isinstance(surrogate, Surrogate)
+        return surrogate
+
+    for physics in ("navier_cauchy", "equilibrium"):
+        with pytest.raises(InputError, match=f"model={name} is .*cannot take in loss {physics}; leave it out"):
+            fitted({"data": {}, physics: {"weight": 1e6}})
+    for nothing in ({"boundary": {}}, {"equilibrium": {}}, {"data": {"weight": 0.0}, "boundary": {}}):
+        with pytest.raises(InputError, match=rf"loss=\[{','.join(nothing)}\] does not count them: add data"):
+            fitted(nothing)
+    fitted({"data": {}, "navier_cauchy": {"weight": 0.0}})
+    assert "leaves out" not in caplog.text
+    fitted({"data": {}, "boundary": {}})
+    told = "model=gaussian_process leaves out loss boundary: it is fitted to the data alone, clamped points too."
+    assert (told in caplog.text) == (name == "gaussian_process")
 
 
 @pytest.mark.parametrize(

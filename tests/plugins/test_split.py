@@ -32,6 +32,19 @@ class TestEverySplit:
         assert np.array_equal(first, split.train_points(data, seed=3))
         assert not np.array_equal(first, split.train_points(data, seed=4))
 
+    def test_selects_by_points_of_the_trained_snapshots_that_are_not_trained_on(self, name: str) -> None:
+        data, split = small(), make(name, points=500)
+        train = split.train_points(data, seed=3)
+        selection = split.selection_points(data, train, seed=3)
+        assert not np.intersect1d(selection, train).size and len(np.unique(selection)) == len(selection)
+        seen = split.seen(data.pressures_kpa)
+        assert seen[selection // len(data.points)].all()
+        assert len(selection) == (seen.sum() * len(data.points) - 500) // 10
+        assert np.array_equal(selection, split.selection_points(data, train, seed=3))
+        assert not np.array_equal(selection, split.selection_points(data, train, seed=4))
+        everything = np.flatnonzero(np.repeat(seen, len(data.points)))
+        assert not len(split.selection_points(data, everything, seed=3))
+
     def test_refuses_more_points_than_there_are(self, name: str) -> None:
         with pytest.raises(InputError, match="ask for fewer"):
             make(name, points=10**6).check(KPA, nodes=1000)
@@ -80,6 +93,15 @@ def test_extrapolate_refuses_fractions_that_leave_nothing(fields: dict[str, Any]
 def test_snapshots_holds_out_whole_pressures_and_keeps_the_ends() -> None:
     seen = make("snapshots", train_snapshots=9).seen(KPA)
     assert seen.sum() == 9 and seen[0] and seen[-1]
+
+
+@pytest.mark.parametrize("total", [3, 4, 10, 25, 100])
+def test_snapshots_gives_as_many_as_it_is_asked_for(total: int) -> None:
+    kpa = np.linspace(50 / total, 50, total)
+    for count in range(2, total):
+        seen = make("snapshots", train_snapshots=count).seen(kpa)
+        assert seen.sum() == count and seen[0] and seen[-1]
+    assert np.array_equal(make("snapshots", train_snapshots=3).seen(KPA).nonzero()[0], [0, 49, 99])
 
 
 @pytest.mark.parametrize("count", [1, 100])

@@ -1,4 +1,4 @@
-"""Searches whose trials Hydra's launchers run; each launcher is a package of its own, tested where it is installed."""
+"""Searches whose trials Hydra's launchers run; each launcher is a package of its own."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import pytest
 from optuna.trial import TrialState
 
 from tests.conftest import Lab
+from tests.needs import EXTRAS, need
 from tests.search.toy import SEARCH, make_toy, trials
 
 LAUNCHERS = {
@@ -18,7 +19,8 @@ LAUNCHERS = {
 @pytest.mark.parametrize("name", LAUNCHERS)
 def test_a_launcher_runs_the_trials_of_a_batch(lab: Lab, tmp_path: Path, migrated_database: Path, name: str) -> None:
     package, settings = LAUNCHERS[name]
-    pytest.importorskip(package, reason=f"the package of Hydra's launcher {name} is not installed")
+    if package in EXTRAS:
+        need(package)
     make_toy(tmp_path, migrated_database)
     typed = (*SEARCH, "fem.a=interval(0,1)", "hydra.sweeper.n_trials=2", "hydra.sweeper.batch=2")
     done = lab(*typed, f"hydra/launcher={name}", *settings)

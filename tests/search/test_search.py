@@ -189,6 +189,11 @@ def test_the_best_training_runs_again_with_the_same_metrics(done: Done) -> None:
     best = json.loads((root / "runs" / "trained" / str(min(found, key=found.__getitem__)) / "metrics.json").read_text())
     again = metrics_of_run(root, "kind: body")
     assert len(set(found.values())) == 2
+    assert min(found.values()) == pytest.approx(sum(best["selection_mm2"].values()))
+    assert best["points"] == sum(best[f"{part}_points"] for part in ("train", "selection", "test"))
+    tested = f"which nothing was selected by, MSE x {best['mse_mm2']['x']:.4g}, z {best['mse_mm2']['z']:.4g} mm²"
+    assert tested in told["trained"][1]
+    assert tested in (root / "runs" / "best" / "experiment" / "trained" / "best.yaml").read_text()
     assert [again[key] for key in ("mse_mm2", "extremes_mm")] == [best[key] for key in ("mse_mm2", "extremes_mm")]
 
 

@@ -17,6 +17,7 @@ from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import SharedStudy
 from pgdl_lab.search.tally import LOST, RETRY_OF
 from tests import postgres
+from tests.needs import need
 
 
 def opened(folder: Path, typed: str = "x=interval(0,1)", config: Any = None, **fields: Any) -> SharedStudy:
@@ -33,9 +34,7 @@ def nothing(trial: FrozenTrial) -> None:
 @pytest.fixture(scope="module")
 def database() -> Iterator[str]:
     """URL of a PostgreSQL database, where a study goes by the name of its folder."""
-    pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
-    if postgres.programs() is None:
-        pytest.skip("PostgreSQL is not installed")
+    need("initdb")
     with postgres.server("fsync=off") as url:
         yield url
 
@@ -88,7 +87,6 @@ def test_a_connection_that_the_server_closed_is_opened_again(database: str) -> N
 
 
 def test_a_database_that_does_not_answer_is_one_sentence(tmp_path: Path) -> None:
-    pytest.importorskip("psycopg", reason="the Python package psycopg is not installed")
     url = f"postgresql+psycopg://lab:secret@/postgres?host={tmp_path}"
     with pytest.raises(InputError, match=r"storage=postgresql\+psycopg://lab:\*\*\*@/.* cannot be opened: connection"):
         open_storage(url, tmp_path)

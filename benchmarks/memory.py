@@ -1,0 +1,93 @@
+"""The memory that a simulation takes beside what is said before it begins.
+
+    python benchmarks/memory.py [--large]
+
+For each mesh a process of its own makes the model and factorises its stiffness twice; for an estimate of the
+discretisation error it settles on the refined mesh as well. Its largest resident memory is set against
+`pgdl_lab.mechanics.memory`. With `--large` also meshes that need up to 14 GB and half an hour.
+"""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pgdl_lab import registry
+from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.contact import NoContact
+from pgdl_lab.mechanics.discretisation_error import estimate, refined
+from pgdl_lab.mechanics.elements import ELEMENTS
+from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.memory import GB, Size
+
+# Finger, longest edge [mm], element, whether the discretisation error is estimated.
+SCENES = [
+    ("pneunet", 6.0, "hex27_p1", False),
+    ("pneunet", 3.0, "hex27_p1", False),
+    ("pneunet", 1.5, "hex27_p1", False),
+    ("pneunet", 1.5, "hex20", False),
+    ("joints", 3.0, "hex27_p1", False),
+    ("bellows", 3.0, "hex27_p1", False),
+    ("pneunet", 6.0, "hex27_p1", True),
+]
+LARGE = [
+    ("joints", 1.5, "hex27_p1", False),
+    ("bellows", 1.5, "hex27_p1", False),
+    ("pneunet", 3.0, "hex27_p1", True),
+    ("bellows", 3.0, "hex27_p1", True),
+    ("pneunet", 2.0, "hex27_p1", True),
+]
+
+
+def made(name: str) -> Finger:
+    """The finger of that name, as it is."""
+    registry.discover()
+    finger: Finger = registry.plugin("finger", name)()
+    return finger
+
+
+def work(name: str, edge_mm: float, element: str, with_estimate: bool) -> None:
+    """Do what takes most memory, and print the most that was held [bytes]."""
+    model = Model(made(name), edge_mm, element, "auto")
+    equilibrium, rest = model.equilibrium, np.zeros_like(model.discretisation.positions)
+    for _ in range(2):
+        model.solver.factorise(equilibrium.balance(rest, Load(1.0, 0.0), stiffness=True).stiffness)
+    model.solver.close()
+    if with_estimate:
+        fine = model.equilibrium_on(refined(model.mesh), lambda _: NoContact())
+        estimate(equilibrium, fine, rest, 0.0)
+    # of this program alone: what getrusage tells begins with the memory of the process that started it
+    status = Path("/proc/self/status").read_text()
+    print(1024 * int(status.partition("VmHWM:")[2].split()[0]))
+
+
+def main() -> None:
+    """Measure each scene in a process of its own."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--large", action="store_true", help="also meshes of several GB")
+    parser.add_argument("--scene", nargs=4, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.scene:
+        name, edge, element, with_estimate = arguments.scene
+        work(name, float(edge), element, with_estimate == "True")
+        return
+    table = Table("finger", "edge mm", "element", "estimate", "unknowns", "said GB", "used GB", "said / used")
+    for name, edge_mm, element, with_estimate in SCENES + LARGE * arguments.large:
+        size, kind = Size.of(made(name).mesh(edge_mm)), ELEMENTS[element]
+        size = size.refined() if with_estimate else size
+        scene = [name, str(edge_mm), element, str(with_estimate)]
+        command = [sys.executable, __file__, "--scene", *scene]
+        used = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        said = size.needed(kind)
+        figures = [f"{size.unknowns(kind):,}", f"{said / GB:.2f}", f"{used / GB:.2f}", f"{said / used:.2f}"]
+        table.add_row(*scene, *figures)
+    Console(width=100).print(table)
+
+
+if __name__ == "__main__":
+    main()

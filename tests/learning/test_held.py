@@ -1,0 +1,108 @@
+"""Points that are set aside are seen by no fit, so that what is calibrated on them holds."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from pgdl_lab.learning.calibration import FEWEST, bar_deviations, covering, fits
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.neural import TrainedModel
+from pgdl_lab.registry import discover, names, plugin
+from tests.trainings import TRAIN, small, training
+
+discover()
+TRAINED = [name for name in names("model") if issubclass(plugin("model", name), TrainedModel)]
+QUICK: dict[str, dict[str, Any]] = {
+    "body": {"depth": 1, "width": 16, "modes": 32, "degree": 2},
+    "hybrid": {"degree": 3, "inputs": 3, "rounds": 1, "folds": 2},
+    "pod": {"degree": 4, "draws": 16},
+}
+
+
+def few(folder: Path, count: int, seed: int, **changes: Any) -> Training:
+    """A training on `count` points."""
+    chosen = np.random.default_rng(seed).choice(TRAIN, count, replace=False)
+    return training(folder, {"data": {}}, samples=Samples.of(small(), chosen), seed=seed, **changes)
+
+
+def covered(surrogate: Any) -> float:
+    """Share of the errors at all points, few of which were trained on, that the error bars cover."""
+    data = small()
+    error = np.abs(surrogate.predict(data.points, data.pressures_kpa) - data.displacements)
+    bars = surrogate.error_bar(data.points, data.pressures_kpa)
+    return float((error <= bars[..., None]).mean())
+
+
+def test_a_tenth_is_set_aside_and_nothing_lost(tmp_path: Path) -> None:
+    how = training(tmp_path, {"data": {}})
+    assert len(how.samples.pressures_kpa) == 1800 and len(how.held.pressures_kpa) == 200
+    given = Samples.of(small(), TRAIN)
+    ours, theirs = (
+        np.column_stack([part.points_mm, part.pressures_kpa, part.displacements_mm]) for part in (how.whole, given)
+    )
+    assert np.array_equal(np.unique(ours, axis=0), np.unique(theirs, axis=0)) and len(ours) == len(theirs)
+    other = training(tmp_path, {"data": {}}, seed=1)
+    assert not np.array_equal(how.held.points_mm, other.held.points_mm)
+    assert not len(training(tmp_path, {"data": {}}, validation=0.0).held.pressures_kpa)
+
+
+@pytest.mark.parametrize("name", TRAINED)
+def test_nothing_that_a_network_begins_with_depends_on_points_set_aside(name: str, tmp_path: Path) -> None:
+    how = training(tmp_path, {"data": {}, "boundary": {}})
+    wrong = replace(how.held, displacements_mm=1e3 + how.held.displacements_mm)
+    begun = []
+    for each in (how, replace(how, held=wrong)):
+        torch.manual_seed(0)
+        begun.append(plugin("model", name)(**QUICK.get(name, {})).begin(each))
+    (field, samples), (other, others) = begun
+    assert field.state_dict().keys() == other.state_dict().keys()
+    for key, value in field.state_dict().items():
+        assert torch.equal(value, other.state_dict()[key]), key
+    assert np.array_equal(samples.displacements_mm, others.displacements_mm)
+    assert len(samples.pressures_kpa) == len(how.samples.pressures_kpa)
+
+
+@pytest.mark.parametrize("count", [4, 10, FEWEST, 60])
+def test_what_covers_some_errors_covers_the_next_in_19_of_20_cases(count: int) -> None:
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(4000):
+        sizes = np.abs(rng.standard_normal((count + 1, 2)))
+        found.append((sizes[-1] <= covering(sizes[:-1])).mean())
+    assert 0.945 < np.mean(found) < 0.99
+
+
+def test_of_few_samples_all_are_held_out_in_turn_and_of_many_a_tenth_is() -> None:
+    for count, judged in ((40, 40), (300, 120), (5000, 500)):
+        seen = []
+
+        def ratios(held: Any, asked: Any, seen: Any = seen) -> Any:
+            seen.append(np.flatnonzero(held))
+            return np.ones((asked.sum(), 2))
+
+        bar_deviations(np.linspace(1, 50, count), ratios, np.random.default_rng(0))
+        inside = np.concatenate(seen[:-1])
+        assert len(seen) == fits(count) and len(inside) == len(np.unique(inside)) == judged
+
+
+@pytest.mark.parametrize("name", ["body", "pod", "finite_element", "gaussian_process"])
+def test_bars_hold_for_few_points(name: str, tmp_path: Path) -> None:
+    shares = []
+    for seed in range(3):
+        how = few(tmp_path / str(seed), 60, seed, max_epochs=5)
+        shares.append(covered(plugin("model", name)(**QUICK.get(name, {})).fit(how)))
+    assert np.mean(shares) > 0.88 and min(shares) > 0.75
+
+
+def test_too_few_points_set_aside_and_no_time_for_more_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    model = plugin("model", "mlp")(depth=1, width=8)
+    model.fit(few(tmp_path / "enough", 60, 0))
+    assert "too few" not in caplog.text
+    model.fit(few(tmp_path / "short", 60, 0, max_time="0.5", max_epochs=10**6))
+    assert "Error bars are calibrated on 6 points that were set aside, which are too few to trust them" in caplog.text
