@@ -1,8 +1,9 @@
 from typing import Any
 
 import numpy as np
+import pytest
 
-from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.equilibrium import Load, nodal_volumes
 from pgdl_lab.mechanics.finger_rod import FingerRod
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.lattice import Lattice
@@ -26,6 +27,7 @@ def rod() -> Rod:
 
 def test_forces_and_stiffness_are_the_derivatives_of_the_energy() -> None:
     body, load = rod(), Load(0.7, 0.4)
+    assert body.balance(np.zeros((5, 3)), load, stiffness=False).energy == 0
     state = 0.3 * RANDOM.normal(size=(5, 3))
     here = body.balance(state, load, stiffness=True)
     assert here.stiffness is not None
@@ -67,6 +69,7 @@ def test_weight_does_the_work_that_it_does_in_the_solid() -> None:
         forces = [model.rod.balance(unmoved, Load(w, 0.0), stiffness=False).forces for w in (1.0, 0.0)]
         work = ((forces[1] - forces[0]) * turned).sum()
         x, _, z = body.discretisation.positions.T
+        assert model.axis_mm == pytest.approx(np.average(z, weights=nodal_volumes(body.discretisation)))
         moved = np.column_stack([-(z - model.axis_mm) * x**2, 0 * x, x**3 / 3])
         known = 2 * (body.equilibrium.weight * moved).sum()  # the mesh is half of the finger
         assert abs(known) > 1e-3
