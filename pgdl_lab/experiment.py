@@ -1,11 +1,13 @@
 """An experiment: everything that one run is made of, built from its configuration."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import FrozenInstanceError, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem
@@ -72,6 +74,27 @@ class Experiment:
         name = config.get("yardstick")
         parts["yardstick"] = plugin("model", name)() if name and name != parts["model"].name else None
         return cls(**{field.name: parts[field.name] for field in fields(cls)})
+
+
+def drop_unchosen(config: DictConfig, overrides: Sequence[str]) -> None:
+    """Drop what an experiment sets for losses that the command line `overrides` chose others in the place of.
+
+    Raises
+    ------
+    InputError
+        If a field of such a loss is typed.
+    """
+    for name in [str(name) for name in config.loss if OmegaConf.get_type(config.loss, name) is dict]:
+        if any(re.match(rf"\+*loss\.{re.escape(name)}\b", override) for override in overrides):
+            known = [str(other) for other in config.loss if other != name]
+            raise InputError(not_chosen(name, known))
+        with open_dict(config.loss):
+            del config.loss[name]
+
+
+def not_chosen(loss: str, known: list[str]) -> str:
+    """That a field of a loss is typed which is not among those `known`."""
+    return f"The loss '{loss}' is not chosen: type loss=[{','.join([*known, loss])}] too."
 
 
 def store_schema() -> None:

@@ -36,10 +36,11 @@ def composed(*typed: str) -> "DictConfig":
     from hydra import compose, initialize_config_dir
 
     from pgdl_lab.composing import store_choices
+    from pgdl_lab.hydra_versions import BASE
     from pgdl_lab.paths import CONF
 
     store_choices()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with initialize_config_dir(str(CONF), **BASE):
         return compose("config", list(typed))
 
 

@@ -20,7 +20,7 @@ def test_a_stored_run_is_found_from_the_root_and_from_elsewhere(
     run.mkdir()
     (run / "config.yaml").touch()
     monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
-    folders.link_latest(run)
+    folders._link(folders.LATEST, run)
     for name in ("runs/one", "runs/latest", str(run)):
         assert folders.run_folder(name, None) == str(run)
 
@@ -42,12 +42,12 @@ def test_the_link_is_never_missing_while_runs_start(root: Path) -> None:
     for run in runs:
         run.mkdir()
     latest = root / "runs" / "latest"
-    folders.link_latest(runs[0])
+    folders._link(folders.LATEST, runs[0])
     seen = []
 
     def start(run: Path) -> None:
         for _ in range(50):
-            folders.link_latest(run)
+            folders._link(folders.LATEST, run)
             seen.append(latest.resolve() in runs)
 
     threads = [threading.Thread(target=start, args=[run]) for run in runs]

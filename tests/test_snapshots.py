@@ -1,27 +1,35 @@
 """The snapshot file and the cache: kept whole, recognised when not, computed once."""
 
+import json
+import logging
 import multiprocessing
 import os
 import shutil
 import signal
 import sys
+import threading
 import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 from pgdl_lab.cache import simulate, snapshot_path
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
 from pgdl_lab.registry import plugin
+from pgdl_lab.resultcheck import doubts
 from pgdl_lab.snapshots import Body, DamagedSnapshots, Observation, Snapshots
+from pgdl_lab.tasks import Job
+from pgdl_lab.tasks import simulate as task
 from tests.fingers import OBSERVATION, balloon, pneunet, solid
 
 
@@ -227,29 +235,68 @@ def test_everything_that_determines_a_simulation_is_in_its_name(tmp_path: Path) 
     assert len(paths) == 6
 
 
-def test_edited_code_does_not_meet_old_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pgdl_lab import mechanics
-
-    before = snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION)
-    edited = tmp_path / "mechanics"
-    shutil.copytree(Path(mechanics.__file__).parent, edited)
-    monkeypatch.setattr(mechanics, "__path__", [str(edited)])
-    assert snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION) == before
-    with (edited / "material.py").open("a") as file:
-        file.write("# edited\n")
-    assert snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION) != before
-
-
 def test_damaged_cache_is_set_aside_and_computed_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     fem = Counting(notes=str(tmp_path / "notes"))
-    _, path, _ = simulate(pneunet(), fem, OBSERVATION, tmp_path)
+    first, path, _ = simulate(pneunet(), fem, OBSERVATION, tmp_path)
     path.write_bytes(path.read_bytes()[:500])
     snapshots, _, cached = simulate(pneunet(), fem, OBSERVATION, tmp_path)
     assert not cached
-    del snapshots.provenance["warnings"]  # what is said of made-up arrays
-    assert_equal(snapshots, small())
+    assert_equal(snapshots, first)
     assert path.with_suffix(".damaged").stat().st_size == 500
     assert path.name in caplog.text and "run again" in caplog.text
+
+
+ERROR = {"kpa": 3.0, "tip_mm": 0.01, "tip_percent": 0.5, "largest_mm": 0.02}
+
+
+@dataclass(frozen=True)
+class Doubting(Fem):
+    """Warns of its result, or stops."""
+
+    name = "doubting"
+    stops: bool = False
+
+    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        log = logging.getLogger("pgdl_lab.plugins.fem.doubting")
+        for kpa in (3.0, 3.0):
+            log.warning("The equilibria at %g kPa are unstable.", kpa)
+        log.info("Nothing to worry about.")
+        other = threading.Thread(target=log.warning, args=["Another simulation is unsure."])
+        other.start()
+        other.join()
+        if self.stops:
+            raise SimulationStopped("It burst.", small())
+        return replace(small(), provenance={"discretisation_error": ERROR})
+
+
+TOLD = ["The equilibria at 3 kPa are unstable.", *doubts(small(), pneunet())]
+
+
+def test_what_a_simulation_warned_of_is_told_whenever_it_is_used(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, path, _ = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
+    assert first.warnings == Snapshots.load(path).warnings == TOLD
+    for _ in range(2):
+        caplog.clear()
+        again, _, cached = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
+        assert cached and again.warnings == TOLD
+        assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == TOLD
+
+
+def test_metrics_of_a_simulation_hold_what_it_knows_of_its_error(root: Path) -> None:
+    made: Any = SimpleNamespace(finger=pneunet(), fem=Doubting(), observation=OBSERVATION)
+    task.run(Job(made, OmegaConf.create(), root, None))
+    metrics = json.loads((root / "metrics.json").read_text())
+    assert metrics["warnings"] == TOLD
+    assert metrics["discretisation_error"] == ERROR
+
+
+def test_what_a_stopped_simulation_warned_of_is_kept(tmp_path: Path) -> None:
+    with pytest.raises(SimulationStopped):
+        simulate(pneunet(), Doubting(stops=True), OBSERVATION, tmp_path)
+    (kept,) = tmp_path.glob("*-stopped.h5")
+    assert Snapshots.load(kept).warnings == TOLD
 
 
 def _simulate_in(folder: str, notes: str, seconds: float) -> None:
@@ -323,7 +370,7 @@ def test_a_stopped_simulation_is_computed_once(converged: int, tmp_path: Path) -
             simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
         told.append(str(stop.value))
         pressures.append(stop.value.snapshots.pressures_kpa)
-    assert told[0] == told[1] and told[0].endswith("-stopped.h5; delete it to try again.")
+    assert told[0] == TOLD[1] and told[0].endswith("-stopped.h5; delete it to try again.")
     np.testing.assert_array_equal(*pressures)
     assert len(pressures[0]) == converged
     assert len((tmp_path / "notes").read_text().split()) == 1

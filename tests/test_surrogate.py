@@ -19,7 +19,7 @@ import pgdl_lab
 from pgdl_lab.deploy import archive, numpy_form
 from pgdl_lab.errors import InputError
 from pgdl_lab.registry import discover, plugin
-from pgdl_lab.surrogate import Outside, Surrogate
+from pgdl_lab.surrogate import Outside, Surrogate, TooFar
 from tests.conftest import CHECKOUT
 from tests.trainings import small, training
 
@@ -30,7 +30,7 @@ MODELS = {
     "finite_element": {"degree": 3},
     "pod": {"degree": 3, "rounds": 1, "draws": 8},
     "gaussian_process": {"points": 200, "modes": 16},
-    "hybrid": {"degree": 3, "inputs": 2, "rounds": 1, "folds": 2, "width": 4},
+    "hybrid": {"degree": 3, "rounds": 1, "width": 4},
 }
 
 
@@ -155,14 +155,67 @@ def test_pressures_and_points_outside_are_told_once_with_the_error_bar(linear: S
 def test_pressures_and_points_outside_can_be_refused(surrogate: Surrogate, tmp_path: Path) -> None:
     surrogate.save(tmp_path / "surrogate.pt")
     strict = pgdl_lab.load(tmp_path / "surrogate.pt", outside="raise")
-    with pytest.raises(InputError, match="30000 kPa lies outside the trained 2.5 to 50 kPa: give pressures in kPa"):
-        strict.predict([[114.0, 0.0]], 30000.0)
-    with pytest.raises(InputError, match="-5 kPa lies outside"):
-        strict.at([[114.0, 0.0]])(-5.0)
+    with pytest.raises(InputError, match="60 kPa lies outside the trained 2.5 to 50 kPa: give pressures in kPa"):
+        strict.predict([[114.0, 0.0]], 60.0)
+    with pytest.raises(InputError, match="51 kPa lies outside"):
+        strict.at([[114.0, 0.0]])(51.0)
     with pytest.raises(InputError, match="points lie off the undeformed body, such as x = 0.114, z = 20 mm"):
         strict.predict([[0.114, 20.0]], 10.0)
     with pytest.raises(InputError, match="outside is 'shout'"):
         pgdl_lab.load(tmp_path / "surrogate.pt", outside="shout")
+
+
+@pytest.mark.parametrize("kpa", [30000.0, [10.0, 62.6], -0.1])
+def test_pressures_far_outside_are_refused_whatever_is_said_of_those_near(surrogate: Surrogate, kpa: Any) -> None:
+    refused = r"kPa lies too far outside the trained 2.5 to 50 kPa .*: give pressures in kPa from 0 to 62.5, train on"
+    points = [[114.0, 0.0]]
+    before, surrogate.outside = surrogate.outside, "ignore"
+    try:
+        for ask in (surrogate.predict, surrogate.error_bar):
+            with pytest.raises(TooFar, match=refused):
+                ask(points, kpa)
+        worst = float(np.max(kpa))
+        with pytest.raises(TooFar, match=refused):
+            surrogate.at(points)(worst)
+        answer = surrogate.predict(points, kpa, beyond=True)
+        assert np.isfinite(answer).all()
+        assert np.isfinite(surrogate.at(points, beyond=True)(worst)).all()
+        assert surrogate.error_bar(points, kpa, beyond=True) is not None
+        surrogate.predict(points, [0.0, 62.5])
+    finally:
+        surrogate.outside = before
+
+
+def test_rounding_over_the_edge_is_no_question_outside(linear: Surrogate, tmp_path: Path) -> None:
+    linear.save(tmp_path / "surrogate.pt")
+    strict = pgdl_lab.load(tmp_path / "surrogate.pt", outside="raise")
+    over = float(np.float32(0.1) * np.float32(500.0))  # single precision, as controllers have it
+    for kpa in (over + 2e-5, -1e-5, np.nextafter(50.0, 51.0)):
+        strict.predict([[114.0, 0.0]], kpa)
+        strict.at([[114.0, 0.0]])(kpa)
+
+
+@pytest.mark.parametrize("outside", ["warn", "ignore"])
+def test_once_told_a_question_outside_costs_no_more_than_another(
+    linear: Surrogate, tmp_path: Path, outside: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What costs is to look for the nearest point and for the error bar, for a sentence that nobody is shown."""
+    linear.save(tmp_path / "surrogate.pt")
+    fresh = pgdl_lab.load(tmp_path / "surrogate.pt", outside=outside)
+    asked = fresh.at([[114.0, 0.0]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fresh.predict([[11.0, 16.0]], 60.0)
+
+    def looked(*_: Any) -> Any:
+        raise AssertionError("looked again")
+
+    monkeypatch.setattr(type(fresh), "bars", looked)
+    monkeypatch.setattr(type(fresh.face.mesh), "distance_mm", looked)
+    for _ in range(2):
+        asked(60.0)
+        fresh.predict([[114.0, 0.0]], 60.0)
+        fresh.predict([[11.0, 17.0]], 10.0)
 
 
 def test_threads_share_a_surrogate(surrogate: Surrogate) -> None:
@@ -291,7 +344,7 @@ def test_any_changed_byte_is_refused_or_harmless(linear: Surrogate, tmp_path: Pa
 
 
 ROBOT = """
-import sys, time
+import sys
 
 class Blocked:
     def find_spec(self, name, path=None, target=None):
@@ -302,7 +355,7 @@ import json, pgdl_lab
 surrogate = pgdl_lab.load(sys.argv[1])
 tip = surrogate.predict([surrogate.tip_mm], [10.0, 20.0])
 answer = surrogate.pressure_for(tip=surrogate.tip_mm + tip[0, 0])
-print(json.dumps([tip.tolist(), answer.kpa, time.process_time()]))
+print(json.dumps([tip.tolist(), answer.kpa]))
 """
 HEAVY = ["mlflow", "hydra", "optuna", "skfem", "lightning", "matplotlib", "meshio", "h5py", "pandas", "sklearn"]
 BEYOND_NUMPY = [*HEAVY, "torch", "scipy", "omegaconf", "rich", "filelock", "yaml"]
@@ -327,13 +380,12 @@ def test_loads_where_little_is_installed(name: str, suffix: str, blocked: list[s
         [sys.executable, "-c", script, str(path)], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    tip, kpa, seconds = json.loads(done.stdout)
+    tip, kpa = json.loads(done.stdout)
     exact = name == "pod"
     assert np.array(tip) == pytest.approx(
         surrogate.predict([surrogate.tip_mm], [10.0, 20.0]), abs=0 if exact else 1e-3, rel=0
     )
     assert kpa == pytest.approx(10.0, abs=1e-9 if exact else 1e-4)
-    assert seconds < 2  # of its processor, from the start of Python to the last answer; torch takes most of it
 
 
 def test_threads_are_warned_once(linear: Surrogate, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 import os
 import re
 import resource
-import shutil
 import subprocess
 import tempfile
 import time
@@ -15,15 +14,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.errors import LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.calculix_deck import deck, weighs
+from pgdl_lab.mechanics.calculix_program import program
 from pgdl_lab.mechanics.finite_strain import Model, progress
 from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]
 
-PROGRAM = "ccx"
 GLANCE_S = 0.2  # between two looks at the progress
 
 
@@ -67,30 +66,6 @@ class Course:
     iterations: int
     cpu_seconds: float
     threads: str
-
-
-def program() -> str:
-    """Path of the program.
-
-    Raises
-    ------
-    InputError
-        When it is not installed.
-    """
-    path = shutil.which(PROGRAM)
-    if path is None:
-        raise InputError(
-            f"fem=calculix needs the program '{PROGRAM}', which is not on the PATH: install CalculiX (on Debian and "
-            "Ubuntu: sudo apt-get install calculix-ccx) or choose fem=solid."
-        )
-    return path
-
-
-def version() -> str:
-    """Version that the program tells of itself."""
-    told = subprocess.run([program(), "-v"], capture_output=True, text=True, check=False).stdout
-    found = re.search(r"Version (\S+)", told)
-    return found[1] if found else "unknown"
 
 
 def run(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float, timeout_s: float) -> Course:

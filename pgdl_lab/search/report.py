@@ -37,7 +37,10 @@ def report(shared: SharedStudy) -> list[Path]:
     study, folder, objectives = shared.study, shared.folder, shared.settings.directions
     written = [_csv(shared.trials(), list(objectives), folder / "trials.csv")]
     best = _best(shared)
-    written += figures.draw(study, objectives, folder / "figures")
+    try:
+        written += figures.draw(study, objectives, folder / "figures")
+    except Exception as error:  # a full disk or a font: the trials are done
+        _log.warning("The figures of the study could not be drawn: %s", error)
     several = len(objectives) > 1
     configurations = BEST / shared.settings.study
     for old in configurations.glob("*.yaml"):

@@ -3,7 +3,6 @@
 The thresholds below were set before any trial was looked at.
 """
 
-import logging
 import math
 import time
 import warnings
@@ -12,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.heard import heard
 from pgdl_lab.messages import sentence
 from pgdl_lab.surrogate import Outside
 
@@ -70,23 +70,18 @@ class Result:
 
 def tried(part: str, axis: str, level: str, method: str, attempt: Callable[[], Result]) -> Trial:
     """Make an attempt, whatever comes of it."""
-    heard = _Heard()
-    logger = logging.getLogger("pgdl_lab")
-    logger.addHandler(heard)
     began = time.perf_counter()
     try:
-        with warnings.catch_warnings(record=True) as caught:
+        with heard() as sentences, warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("ignore")  # of libraries: not written for the user of the lab
             warnings.simplefilter("always", Outside)
             result = attempt()
-        told = result.told or "; ".join([*heard.messages, *(str(warning.message) for warning in caught)])
+        told = result.told or "; ".join([*sentences, *(str(warning.message) for warning in caught)])
         mode, error = _mode(part, result.error), result.error if math.isfinite(result.error) else None
     except LabError as problem:
         mode, error, told = "refused" if isinstance(problem, InputError) else "stopped", None, sentence(problem)
     except Exception as problem:  # the very thing that is looked for
         mode, error, told = "crashed", None, f"{type(problem).__name__}: {problem}"
-    finally:
-        logger.removeHandler(heard)
     return Trial(part, axis, level, method, mode, error, told, time.perf_counter() - began)
 
 
@@ -96,17 +91,6 @@ def _mode(part: str, error: float) -> str:
     if error <= GOOD:
         return "ok"
     return "stalled" if part == "learning" and error > STALLED else "wrong"
-
-
-class _Heard(logging.Handler):
-    """Keeps what the lab warns of."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.messages: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.messages.append(record.getMessage())
 
 
 def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:

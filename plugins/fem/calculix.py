@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from pgdl_lab import __version__
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.calculix_program import program, version
 from pgdl_lab.registry import describe, register
 from pgdl_lab.snapshots import Body, Observation, Snapshots
 
@@ -50,8 +52,14 @@ class Calculix(Fem):
             if not 0 < getattr(self, name) < np.inf:
                 raise InputError(f"fem.{name} is {getattr(self, name)}{unit}; it must be above 0.")
 
+    def programs(self) -> Mapping[str, str]:
+        try:
+            return {"calculix": version()}
+        except InputError:
+            return {"calculix": "not installed"}
+
     def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
-        from pgdl_lab.mechanics.calculix import program, run
+        from pgdl_lab.mechanics.calculix import run
         from pgdl_lab.mechanics.finite_strain import Model
 
         program()  # before anything is computed
@@ -87,8 +95,6 @@ class Calculix(Fem):
         return snapshots
 
     def _provenance(self, finger: Finger, model: "Model", course: "Course") -> dict[str, Any]:
-        from pgdl_lab.mechanics.calculix import version
-
         # By the solid's own inner forces, at the displacement that CalculiX found.
         reaction, outer = model.reaction_and_load_n(course.displacements[-1], float(course.pressures_kpa[-1]))
         return {
@@ -107,5 +113,5 @@ class Calculix(Fem):
             "threads": course.threads,
             "reaction_n": reaction.tolist(),
             "load_n": outer.tolist(),
-            "versions": {"calculix": version(), "pgdl_lab": __version__},
+            "versions": {**self.programs(), "pgdl_lab": __version__},
         }

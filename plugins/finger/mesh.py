@@ -1,9 +1,12 @@
 """The user's own finger, from a volume mesh file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.finger import Finger
@@ -69,6 +72,11 @@ class Mesh(Finger):
             raise InputError(f"finger.path is '{self.path}', and there is no such file: give that of your mesh.")
         surfaces = [Path(part) for part in (self.clamp, self.cavity, self.symmetry) if is_surface(part)]
         return (Path(self.path), *(path for path in surfaces if path.is_file()))
+
+    def content(self) -> Iterable[bytes | NDArray[Any]]:
+        mesh = self.mesh(0.0)  # as it was read: a file may be one of several, or hold what is not used
+        named = ((name.encode(), facets) for name, facets in sorted(mesh.boundaries.items()))
+        return mesh.p, mesh.t, *chain.from_iterable(named)
 
     def mesh(self, edge_mm: float) -> "FemMesh":
         return self._body().mesh

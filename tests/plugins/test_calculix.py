@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pgdl_lab import registry
+from pgdl_lab.cache import snapshot_path
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
@@ -129,6 +130,16 @@ class TestResultFiles:
         file.write_text(head + whole + head + whole[:-5])
         (table,) = read_displacements(file, 2)
         np.testing.assert_array_equal(table, [[0, 1e-3, -20], [1, 0, 3]])
+
+
+def test_another_version_of_the_program_is_another_simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    program, found = tmp_path / "ccx", {snapshot_path(tmp_path, pneunet(), calculix(), OBSERVATION)}
+    for version in ("2.20", "2.21"):
+        program.write_text(f"#!/bin/sh\necho 'This is Version {version}'\n")
+        program.chmod(0o755)
+        found.add(snapshot_path(tmp_path, pneunet(), calculix(), OBSERVATION))
+    assert len(found) == 3
 
 
 class TestTrouble:
