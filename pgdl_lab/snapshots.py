@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.files import replacing
+from pgdl_lab.hdf5 import require_contained
 from pgdl_lab.heard import WARNINGS
 
 FORMAT = "pgdl_lab snapshots"
@@ -76,6 +77,17 @@ class Body:
     pressures_kpa: NDArray[np.float64]
     displacements: NDArray[np.float64]
 
+    def fits(self) -> bool:
+        """Whether the arrays fit together."""
+        nodes = len(self.positions)
+        return (
+            self.positions.shape == (nodes, 3)
+            and self.cells.ndim == 2
+            and _within(self.cells, nodes)
+            and self.pressures_kpa.ndim == 1
+            and self.displacements.shape == (len(self.pressures_kpa), nodes, 3)
+        )
+
 
 @dataclass(frozen=True)
 class Snapshots:
@@ -137,6 +149,7 @@ class Snapshots:
         """
         try:
             with _opened(path) as file:
+                require_contained(file)
                 if file.attrs.get("format") != FORMAT:
                     raise DamagedSnapshots(f"{path} is an HDF5 file, but does not hold snapshots of pgdl_lab.")
                 if file.attrs["version"] != VERSION:
@@ -147,7 +160,9 @@ class Snapshots:
                 body = _read(file["body"], Body) if "body" in file else None
                 snapshots = cls(body=body, provenance=json.loads(file.attrs["provenance"]), **_arrays(file, cls))
         except (OSError, KeyError, ValueError, TypeError) as error:
-            raise DamagedSnapshots(f"{path} is no readable snapshot file, it may be truncated ({error}).") from error
+            raise DamagedSnapshots(
+                f"{path} is no readable snapshot file, it may be truncated or foreign ({error})."
+            ) from error
         snapshots._check(path)
         return snapshots
 
@@ -155,9 +170,13 @@ class Snapshots:
         nodes, pressures = len(self.points), len(self.pressures_kpa)
         fits = (
             self.points.shape == (nodes, 2)
+            and self.triangles.shape[1:] == (3,)
+            and self.pressures_kpa.ndim == self.base.ndim == self.clamp.ndim == 1
             and self.displacements.shape == (pressures, nodes, 2)
-            and all(index.size == 0 or index.max() < nodes for index in (self.triangles, self.base, self.clamp))
-            and np.isfinite(self.displacements).all()
+            and all(_within(index, nodes) for index in (self.triangles, self.base, self.clamp))
+            and all(np.isfinite(array).all() for array in (self.points, self.pressures_kpa, self.displacements))
+            and (self.body is None or self.body.fits())
+            and isinstance(self.provenance, dict)
         )
         if not fits:
             raise DamagedSnapshots(f"{path} holds arrays that do not fit together; delete it to compute it again.")
@@ -202,6 +221,10 @@ def _opened(path: Path) -> Any:
         time.sleep(GLANCE_S)
 
 
+def _within(index: NDArray[Any], nodes: int) -> bool:
+    return index.size == 0 or bool(0 <= index.min() <= index.max() < nodes)
+
+
 def _array_names(cls: type) -> list[str]:
     return [name for name, hint in get_type_hints(cls).items() if getattr(hint, "__origin__", None) is np.ndarray]
 
@@ -217,7 +240,13 @@ def _write(group: Any, record: Snapshots | Body) -> None:
 
 
 def _arrays(group: Any, cls: type) -> dict[str, NDArray[Any]]:
-    return {name: group[name][()] for name in _array_names(cls)}
+    arrays = {}
+    for name in _array_names(cls):
+        (wanted,) = get_args(get_args(get_type_hints(cls)[name])[1])
+        arrays[name] = group[name][()]
+        if arrays[name].dtype != wanted:
+            raise ValueError(f"'{name}' is of type {arrays[name].dtype}")
+    return arrays
 
 
 def _read(group: Any, cls: type[Body]) -> Body:

@@ -23,7 +23,7 @@ from tests.deploy.test_other_machines import STORED
 from tests.test_surrogate import Malicious, trained
 
 LOADED = """
-import json, resource, sys
+import json, re, resource, sys
 import pgdl_lab
 from omegaconf import OmegaConf
 from pgdl_lab.errors import InputError
@@ -32,14 +32,18 @@ for whole in sys.argv[2:5]:
     pgdl_lab.load(whole)  # with all that this imports
 pages = int(open("/proc/self/statm").read().split()[0])
 resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 100_000_000,) * 2)
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def resident_kb(which):
+    return int(re.search(rf"{which}:\\s*(\\d+) kB", open("/proc/self/status").read())[1])
+with open("/proc/self/clear_refs", "w") as peak:
+    peak.write("5")  # the highest is counted from here on
+before = resident_kb("VmRSS")
 told = {}
 for path in sys.argv[5:]:
     try:
         pgdl_lab.load(path)
     except InputError as refused:
         told[path] = str(refused)
-print(json.dumps([told, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before]))
+print(json.dumps([told, resident_kb("VmHWM") - before]))
 """
 SPREAD = 10**7  # edges apart
 
@@ -126,7 +130,7 @@ def hostile_files(folder: Path, whole: dict[str, Path]) -> dict[Path, str]:
            npy("(25000000,)", numbers=bytes(200_000_000)), zipfile.ZIP_DEFLATED)  # fmt: skip
     zipped(new("objects.npz", "'state/modes' holds objects"), npy("()", "|O", pickle.dumps(Malicious(folder))))
     repeated(new("repeated.npz", r"bytes unpacked, and the file has"))
-    changed(new("width.pt", "does not hold the weights"), whole["mlp"], {"width": 10**7})
+    changed(new("width.pt", "does not hold the weights"), whole["mlp"], {"width": 15 * 10**5})
     changed(new("depth.pt", "model.depth is 1000000000, and there are 8 arrays"), whole["mlp"], {"depth": 10**9})
     changed(
         new("text.pt", r"holds the setting '\$\{run:\}': stored settings are values"),
@@ -139,6 +143,7 @@ def hostile_files(folder: Path, whole: dict[str, Path]) -> dict[Path, str]:
     return told
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the memory of a process")
 def test_no_file_takes_more_memory_than_it_is_or_runs_code(whole: dict[str, Path], tmp_path: Path) -> None:
     expected = hostile_files(tmp_path, whole)
     command = [sys.executable, "-c", LOADED, *map(str, [tmp_path, *whole.values(), *expected])]
@@ -149,7 +154,7 @@ def test_no_file_takes_more_memory_than_it_is_or_runs_code(whole: dict[str, Path
     for path, words in expected.items():
         assert str(path) in told, f"{path.name} is loaded"
         assert re.search(words, told[str(path)]), told[str(path)]
-    assert more_kb < 30_000
+    assert more_kb < 20_000
     assert not (tmp_path / "ran").exists()
 
 
