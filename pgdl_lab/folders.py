@@ -22,6 +22,11 @@ LATEST, UNFINISHED = "latest", "unfinished"
 TAKEN = (LATEST, UNFINISHED, "snapshots", "artifacts", "best", "chart", "stability")
 """Names in `runs/` that no study can have."""
 
+RUN_ID, MISSED = "mlflow_run_id", "mlflow_missed.jsonl"
+"""Files in the folder of a run or multirun: the id of its MLflow run, and what MLflow is to be told yet."""
+OF_EVERY_RUN = {"run.log", "config.yaml", RUN_ID, MISSED}
+"""What lies in the folder of a run that has made nothing yet."""
+
 BEST = paths.BEST / "experiment"
 """The best configurations of searches: `<study>/<name>.yaml` there is typed as `experiment=<study>/<name>`."""
 
@@ -142,11 +147,15 @@ def end(folder: Path) -> None:
     _forget(folder)
 
 
+def is_empty(folder: Path) -> bool:
+    """Whether a run has made nothing yet."""
+    return {path.name for path in folder.iterdir()} <= OF_EVERY_RUN
+
+
 def discard(folder: Path) -> None:
-    """Remove the folder of a run that was refused before it did anything."""
-    if {path.name for path in folder.iterdir()} <= {"run.log", "config.yaml"}:
-        _forget(folder)
-        shutil.rmtree(folder)
+    """Remove the folder of a run that was refused before it made anything."""
+    _forget(folder)
+    shutil.rmtree(folder)
 
 
 def _forget(folder: Path) -> None:
