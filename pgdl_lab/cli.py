@@ -80,6 +80,7 @@ def job(config: DictConfig) -> Any:
         return result
     except TrialPruned as stop:
         _log.info(str(stop))
+        end(folder)
         return PRUNED
     except (KeyboardInterrupt, SystemExit):  # Lightning makes the latter of the former
         print(f"\npgdl-lab: stopped; {typed('resume', folder)} goes on with it", file=sys.stderr)

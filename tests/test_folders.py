@@ -100,3 +100,14 @@ def test_a_study_that_is_no_folder_in_runs_is_refused_before_one_is_made(root: P
     with pytest.raises(InputError, match="names the folder runs/<study>"):
         folders.study_folder(study)
     assert set(root.rglob("*")) == before
+
+
+def test_a_link_that_cannot_be_made_is_not_worth_a_run(root: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = root / "runs" / "one"
+    folder.mkdir()
+    for name in ("surrogate.pt", "metrics.json"):
+        (folder / name).touch()
+    (root / "runs" / folders.LATEST).mkdir()  # in the way
+    folders.end(folder)
+    assert "runs/latest could not be set to one: Is a directory" in caplog.text
+    assert {path.name for path in (root / "runs").iterdir()} == {"one", folders.LATEST}
