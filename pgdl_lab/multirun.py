@@ -53,6 +53,7 @@ def compare(folder: Path) -> list[Path]:
     varied = _varied([row.settings for row in rows])
     columns = [key for key in COMPARED if any(key in row.metrics for row in rows)]
     differ = _varied([row.metrics for row in rows if row.metrics])
+    differ = [key for key in columns if key in differ] or columns
     compared = [key for key in columns if key in differ or key == MESH_ERROR]
     path = folder / "comparison.csv"
     console = Console()

@@ -69,3 +69,13 @@ def test_jobs_and_settings_are_read_whatever_the_width(
     with written[0].open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[0]["extremes_mm.fem.z.0"] == "-105.24" and rows[1]["error"] == "It burst."
+
+
+def test_jobs_that_do_not_differ_are_shown_with_all_that_is_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sweep(tmp_path, [["seed=1"], ["seed=2"]])
+    (tmp_path / "1" / "metrics.json").write_bytes((tmp_path / "0" / "metrics.json").read_bytes())
+    names = [path.name for path in compare(tmp_path)]
+    assert names == ["comparison.csv", "comparison.png"] and (tmp_path / names[1]).stat().st_size > 1000
+    assert "MSE x" in capsys.readouterr().out
