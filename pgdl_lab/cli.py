@@ -19,7 +19,7 @@ from omegaconf import DictConfig
 from pgdl_lab import streams, sweep
 from pgdl_lab.composing import store_choices
 from pgdl_lab.errors import InputError
-from pgdl_lab.experiment import Experiment, restore, resumed, save
+from pgdl_lab.experiment import Experiment, drop_unchosen, restore, resumed, save
 from pgdl_lab.folders import RUN_ID, begin, discard, end, is_empty
 from pgdl_lab.hydra_versions import BASE, TRUST
 from pgdl_lab.messages import EXPECTED, sentence, typed
@@ -103,6 +103,7 @@ def job(config: DictConfig) -> Any:
 def _work(config: DictConfig, folder: Path, sweep_folder: Path | None) -> Job:
     """What the task is given: an experiment of its own, or with `run` an earlier one in the folder that it has."""
     if config.get("run") is None:
+        drop_unchosen(config, HydraConfig.get().overrides.task)
         work = Job(Experiment.from_config(config), config, folder, sweep_folder)
         save(config, folder / "config.yaml")
         begin(folder)

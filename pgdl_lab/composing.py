@@ -9,7 +9,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
 from pgdl_lab import registry, tasks
-from pgdl_lab.experiment import Experiment, store_schema
+from pgdl_lab.experiment import Experiment, drop_unchosen, store_schema
 from pgdl_lab.hydra_versions import BASE
 from pgdl_lab.paths import CONF
 
@@ -40,4 +40,6 @@ def experiment(choices: Sequence[str]) -> Experiment:
     InputError
         If a value lies outside its limits.
     """
-    return Experiment.from_config(composed(choices))
+    config = composed(choices)
+    drop_unchosen(config, choices)
+    return Experiment.from_config(config)

@@ -12,6 +12,7 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 
 from pgdl_lab import paths
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.experiment import not_chosen
 from pgdl_lab.files import FULL, no_room
 from pgdl_lab.registry import PARTS, choices, closest, field_names, names
 
@@ -36,6 +37,13 @@ def sentence(error: BaseException) -> str:
     choice = re.search(r"(?:find|load) '([\w/]+)/([^/']+)'", str(error))
     if choice and isinstance(error, MissingConfigException):
         return _unknown(choice[2], choices(choice[1]), choice[1])
+    preset = re.match(r"In '([\w/]+)/([\w.-]+)': Config\w+Error .*full_key: (\S+)", str(error), re.S)
+    if preset:
+        group, name, key = preset.groups()
+        return (
+            f"{group}={name} sets {key}, which the chosen {key.partition('.')[0]} does not have: leave out one of the "
+            "two choices."
+        )
     text = _one_line(str(error)) or "no message"
     return text if isinstance(error, EXPECTED) else f"{type(error).__name__}: {text}"
 
@@ -54,7 +62,7 @@ def _unknown_key(error: ConfigKeyError | ConfigAttributeError) -> str:
     )
     place = str(error.full_key or name).rpartition(".")[0]
     if place == "loss" and name in names("loss"):
-        return f"The loss '{name}' is not chosen: type loss=[{','.join([*known, name])}] too."
+        return not_chosen(name, known)
     whole, _, part = place.rpartition(".")
     if PARTS.get(part) == whole:
         owners = [f"{whole}/{part}={other}" for other in names(part) if name in field_names(part, other)]

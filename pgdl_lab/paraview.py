@@ -47,8 +47,8 @@ def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
     "error_bar_mm" where the surrogate has one. What ParaView calls time is the pressure [kPa]. The numbers lie beside
     `path` in an HDF5 file.
     """
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
-    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
     fields = {
         "fem_mm": in_space(snapshots.displacements),
         "surrogate_mm": in_space(predicted),

@@ -100,7 +100,7 @@ def test_configuration_shows_every_value(lab: Lab) -> None:
         ("trainer.max_epoch=3", r"There is no trainer field 'max_epoch'\. Did you mean 'max_epochs'\?"),
         (
             "loss.navier_cauchy.weight=3",
-            r"The loss 'navier_cauchy' is not chosen: type loss=\[data,boundary,navier_cauchy\] too",
+            r"The loss 'navier_cauchy' is not chosen: type loss=\[data,navier_cauchy\] too",
         ),
         (
             "finger/material=mooney",

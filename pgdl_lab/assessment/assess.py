@@ -107,8 +107,8 @@ def assess(
         What `yardstick.measure` found, if there is one.
     """
     start = time.perf_counter()
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
-    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
     comparison = Comparison(snapshots, predicted, train, bars, selection)
     highlights = split.highlights(snapshots.pressures_kpa)
     units = {name: loss.unit for name, loss in training.losses.items()}

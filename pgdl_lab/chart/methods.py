@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +140,6 @@ def _surrogate(bench: Bench, label: str, how: Experiment) -> tuple[Point, bool]:
         surrogate, seconds = bench.trained(how)
         seen = np.zeros(bench.data.displacements.shape[:2], dtype=bool)
         seen.flat[bench.train] = True
-        return bench.judge(label, SURROGATE, seconds, surrogate.predict, seen)
+        return bench.judge(label, SURROGATE, seconds, partial(surrogate.predict, beyond=True), seen)
 
     return bench.measured(label, SURROGATE, key, measure)
