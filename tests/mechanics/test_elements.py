@@ -53,6 +53,32 @@ def test_forces_and_stiffness_against_differences(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_pressure_of_its_own(kind: str) -> None:
+    """What goes with homogeneous strain is K (det F − 1); another one does the work p dV, and has its stiffness."""
+    mesh, material = distorted(kind), Yeoh()
+    solid, random, step, ones = Solid(mesh, material), np.random.default_rng(1), 1e-5, np.ones_like(mesh.weights)
+    gradient = np.array([[0.3, 0.2, -0.1], [0.0, -0.1, 0.25], [0.1, 0.0, 0.05]])
+    dilatation = np.linalg.det(np.eye(3) + gradient) - 1
+    at, direction = mesh.positions @ gradient.T, random.normal(size=mesh.positions.shape)
+    known = material.bulk_modulus_mpa * dilatation * ones
+    np.testing.assert_allclose(solid.pressure(at), known, rtol=1e-9)
+    whole, given = (solid.response(at, stiffness=True, pressure=pressure) for pressure in (None, known))
+    np.testing.assert_allclose(given.forces, whole.forces, atol=1e-12)
+
+    def volume(displacement: NDArray[np.float64]) -> float:
+        f = np.einsum("eai,eajq->eqij", displacement[mesh.nodes], mesh.gradients) + np.eye(3)
+        return float((mesh.weights * np.linalg.det(f)).sum())
+
+    more = solid.response(at, stiffness=True, pressure=known + 0.1 * ones)
+    local = direction[mesh.nodes].reshape(more.forces.shape)
+    before, here, after = (volume(at + s * direction) for s in (-step, 0.0, step))
+    assert ((more.forces - given.forces) * local).sum() == pytest.approx(0.1 * (after - before) / (2 * step), rel=1e-6)
+    assert more.stiffness is not None and given.stiffness is not None
+    bent = np.einsum("ei,eij,ej->", local, more.stiffness - given.stiffness, local)
+    assert bent == pytest.approx(0.1 * (after - 2 * here + before) / step**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_patch_of_finite_homogeneous_strain(kind: str) -> None:
     """A linear displacement is in equilibrium inside, whatever the shape of the elements."""
     mesh = distorted(kind)
