@@ -1,6 +1,6 @@
 """What guide and network add to `pod`: errors from few and many points, within the trained pressures and beyond.
 
-    python benchmarks/few_points.py [finger ...] [--points 40 400 20000] [--seeds 1 2 3]
+    python benchmarks/few_points.py [finger ...] [--points 40 400 20000] [--models pod body] [--seeds 1 2 3]
 
 Fingers are simulated as usual. `pod` is fitted to the displacement, `guided` to what the rod leaves of it, and `hybrid`
 is the default model: rod, network and closed form. "within" is the root mean square error over all points that were not
@@ -41,6 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("fingers", nargs="*", default=FINGERS)
     parser.add_argument("--points", type=int, nargs="*", default=[40, 400, 20_000])
+    parser.add_argument("--models", nargs="*", default=MODELS, help="others too, such as body")
     parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2, 3])
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # of pressures outside, which are asked for here
@@ -51,7 +52,7 @@ def main() -> None:
         trial = experiment([f"finger={finger}"])
         snapshots, path, _ = cache.simulate(trial.finger, trial.fem, trial.observation, paths.RUNS / "snapshots")
         for points in given.points:
-            for model in MODELS:
+            for model in given.models:
                 found = [_result(trial, snapshots, path, model, points, seed) for seed in given.seeds]
                 table.add_row(finger, f"{points:,}", model, *(_told(found, name) for name in found[0]))
         table.add_section()

@@ -20,7 +20,7 @@ from pgdl_lab import streams, sweep
 from pgdl_lab.composing import store_choices
 from pgdl_lab.errors import InputError
 from pgdl_lab.experiment import Experiment, drop_unchosen, restore, resumed, save
-from pgdl_lab.folders import begin, discard, end
+from pgdl_lab.folders import RUN_ID, begin, discard, end, is_empty
 from pgdl_lab.hydra_versions import BASE, TRUST
 from pgdl_lab.messages import EXPECTED, sentence, typed
 from pgdl_lab.paths import CONF, PLUGINS
@@ -80,6 +80,7 @@ def job(config: DictConfig) -> Any:
         return result
     except TrialPruned as stop:
         _log.info(str(stop))
+        end(folder)
         return PRUNED
     except (KeyboardInterrupt, SystemExit):  # Lightning makes the latter of the former
         print(f"\npgdl-lab: stopped; {typed('resume', folder)} goes on with it", file=sys.stderr)
@@ -87,8 +88,8 @@ def job(config: DictConfig) -> Any:
     except Exception as error:
         problem = sentence(error)
         _tracebacks.exception(problem)
-        if sweep_folder is None and is_new and isinstance(error, InputError):
-            discard(folder)
+        if sweep_folder is None and is_new and isinstance(error, InputError) and is_empty(folder):
+            _discard(folder)
         if sweep_folder is None:  # Hydra would add a line of its own to an exception
             sys.exit(f"pgdl-lab: {problem}" + ("" if isinstance(error, EXPECTED) else f" (see {folder}/run.log)"))
         with suppress(OSError):  # a full disk, which `problem` tells of
@@ -111,6 +112,15 @@ def _work(config: DictConfig, folder: Path, sweep_folder: Path | None) -> Job:
         raise InputError(f"task={config.task} works on one run: leave out -m.")
     stored = folder / "config.yaml"  # a multirun has none
     return Job(Experiment.from_config(restore(stored) if stored.is_file() else config), config, folder, None)
+
+
+def _discard(folder: Path) -> None:
+    """Remove what there is of a run that was refused."""
+    if (folder / RUN_ID).is_file():
+        from pgdl_lab.tracking import forget  # loads MLflow
+
+        forget(folder)
+    discard(folder)
 
 
 def _mark_failed(folder: Path, sweep_folder: Path, problem: str, overrides: list[str]) -> None:

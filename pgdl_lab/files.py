@@ -5,10 +5,12 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from shutil import disk_usage
 
 from pgdl_lab.errors import LabError
 
-FULL = (errno.ENOSPC, errno.EDQUOT)
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+LITTLE = 2**16  # bytes that are left where a library failed with an error of its own, for want of more
 
 
 @contextmanager
@@ -26,8 +28,9 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, path)
-    except OSError as error:
-        if error.errno in FULL:
+    except Exception as error:
+        full = error.errno in FULL if isinstance(error, OSError) else disk_usage(path.parent).free < LITTLE
+        if full and not isinstance(error, LabError):
             raise LabError(no_room(path.parent)) from error
         raise
     finally:

@@ -1,5 +1,6 @@
 """Run folders: where a new run writes, and the links to the newest."""
 
+import logging
 import os
 import re
 import secrets
@@ -11,16 +12,24 @@ from typing import TYPE_CHECKING
 
 from pgdl_lab import paths
 from pgdl_lab.errors import InputError
+from pgdl_lab.heard import ASIDE
 from pgdl_lab.hydra_versions import register_resolver
 from pgdl_lab.sweep import OVERRIDES
 
 if TYPE_CHECKING:
     from pgdl_lab.surrogate import Surrogate
 
+_log = logging.getLogger(__name__)
+
 LATEST, UNFINISHED = "latest", "unfinished"
 """Links in `runs/`: the newest training that ended well, and the newest run that has not come to its end, if any."""
 TAKEN = (LATEST, UNFINISHED, "snapshots", "artifacts", "best", "chart", "stability")
 """Names in `runs/` that no study can have."""
+
+RUN_ID, MISSED = "mlflow_run_id", "mlflow_missed.jsonl"
+"""Files in the folder of a run or multirun: the id of its MLflow run, and what MLflow is to be told yet."""
+OF_EVERY_RUN = {"run.log", "config.yaml", RUN_ID, MISSED}
+"""What lies in the folder of a run that has made nothing yet."""
 
 BEST = paths.BEST / "experiment"
 """The best configurations of searches: `<study>/<name>.yaml` there is typed as `experiment=<study>/<name>`."""
@@ -142,11 +151,15 @@ def end(folder: Path) -> None:
     _forget(folder)
 
 
+def is_empty(folder: Path) -> bool:
+    """Whether a run has made nothing yet."""
+    return {path.name for path in folder.iterdir()} <= OF_EVERY_RUN
+
+
 def discard(folder: Path) -> None:
-    """Remove the folder of a run that was refused before it did anything."""
-    if {path.name for path in folder.iterdir()} <= {"run.log", "config.yaml"}:
-        _forget(folder)
-        shutil.rmtree(folder)
+    """Remove the folder of a run that was refused before it made anything."""
+    _forget(folder)
+    shutil.rmtree(folder)
 
 
 def _forget(folder: Path) -> None:
@@ -159,5 +172,9 @@ def _forget(folder: Path) -> None:
 def _link(name: str, folder: Path) -> None:
     """Let `runs/<name>` point to `folder`, in one step, so that a reader never finds it missing."""
     temporary = paths.RUNS / f".{name}.{secrets.token_hex(3)}"
-    temporary.symlink_to(os.path.relpath(folder, paths.RUNS), target_is_directory=True)
-    os.replace(temporary, paths.RUNS / name)
+    try:
+        temporary.symlink_to(os.path.relpath(folder, paths.RUNS), target_is_directory=True)
+        os.replace(temporary, paths.RUNS / name)
+    except OSError as error:  # a full disk, or one without links: the run does without
+        temporary.unlink(missing_ok=True)
+        _log.warning("runs/%s could not be set to %s: %s", name, folder.name, error.strerror, extra=ASIDE)

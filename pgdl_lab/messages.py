@@ -80,14 +80,18 @@ def _unreadable(error: OverrideParseException) -> str:
     return f"'{error.override}' holds signs that mean something to Hydra: quote the value, {typed(key, value)}"
 
 
+def quoted(text: str) -> str:
+    """Text as Hydra's grammar takes it for the same text: in quotes where it needs them."""
+    with suppress(HydraException):
+        if OverridesParser.create().parse_override(f"key={text}").value() == text:
+            return text
+    escaped = re.sub(r"(\\+)$", r"\1\1", re.sub(r"(\\*)'", r"\1\1\\'", text))
+    return f"'{escaped}'"
+
+
 def typed(key: str, value: object) -> str:
     """How to type a setting whose value is text, quoted where Hydra's grammar or the shell needs it."""
-    text, parse = str(value), OverridesParser.create().parse_override
-    escaped = re.sub(r"(\\+)$", r"\1\1", re.sub(r"(\\*)'", r"\1\1\\'", text))
-    setting = f"{key}='{escaped}'"
-    with suppress(HydraException):
-        if parse(f"{key}={text}").value() == text:
-            setting = f"{key}={text}"
+    setting = f"{key}={quoted(str(value))}"
     if re.fullmatch(r"[\w@%+=:,./~-]+", setting, re.ASCII):
         return setting
     return shlex.quote(setting) if re.search(r'["$`!]|\\(?=\\|$)', setting) else f'"{setting}"'

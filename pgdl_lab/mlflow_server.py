@@ -18,6 +18,7 @@ from sqlalchemy import URL
 from pgdl_lab import paths
 from pgdl_lab.errors import LabError
 from pgdl_lab.files import replacing
+from pgdl_lab.folders import RUN_ID
 from pgdl_lab.registry import KINDS
 
 SETTINGS = {
@@ -36,8 +37,6 @@ from mlflow.exceptions import MlflowException  # noqa: E402
 from mlflow.protos.databricks_pb2 import RESOURCE_DOES_NOT_EXIST, ErrorCode  # noqa: E402
 
 EXPERIMENT = "pgdl_lab"
-RUN_ID = "mlflow_run_id"
-"""File in the folder of a run or multirun with the id of its MLflow run."""
 
 LOCKED_S = 5.0  # for which a database may be locked, as it is while another run writes
 LONGEST = 6000  # characters of a parameter: MLflow's limit

@@ -15,12 +15,10 @@ from filelock import FileLock
 
 from pgdl_lab import paths
 from pgdl_lab.errors import LabError
+from pgdl_lab.folders import MISSED
 from pgdl_lab.heard import ASIDE
 from pgdl_lab.messages import command
 from pgdl_lab.mlflow_server import LONGEST, connect, gist, log_params, place, run_of
-
-MISSED = "mlflow_missed.jsonl"
-"""File in the folder of a run or multirun: one message in each line."""
 
 QUIET_S = 60.0  # for which nothing is tried after a failure
 BATCH = 1000  # MLflow's limit for one call

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from pgdl_lab.errors import LabError
-from pgdl_lab.mlflow_server import RUN_ID, connect, find_run, gist, known_run, place
-from pgdl_lab.outbox import MISSED, Message, deliver, missed, send, settle, tell
+from pgdl_lab.folders import MISSED, RUN_ID
+from pgdl_lab.mlflow_server import connect, find_run, gist, known_run, place
+from pgdl_lab.outbox import Message, deliver, missed, send, settle, tell
 from pgdl_lab.search.trial import TrialPruned
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.sweep import OVERRIDES
@@ -206,6 +207,16 @@ def close_killed(folder: Path) -> None:
     if _tracked(folder):
         tags = {"trial": folder.name, "trial_state": "killed"}
         send(folder, Message(tags=tags, status="KILLED", parent=str(folder.parent)))
+
+
+def forget(folder: Path) -> None:
+    """Delete the run of a folder that was refused, if it has one."""
+    try:
+        client, _ = connect()
+        if (run_id := known_run(client, folder)) is not None:
+            client.delete_run(run_id)
+    except Exception as error:  # see `outbox.send`
+        _log.debug("The run of %s could not be deleted", folder, exc_info=error)
 
 
 def _tracked(folder: Path) -> bool:

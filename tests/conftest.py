@@ -17,6 +17,8 @@ _root = tempfile.mkdtemp(prefix="pgdl_lab_tests_")
 atexit.register(shutil.rmtree, _root, ignore_errors=True)
 os.environ["PGDL_LAB_ROOT"] = _root  # before anything imports pgdl_lab.paths
 os.environ.pop("MLFLOW_TRACKING_URI", None)
+if "PYTEST_XDIST_WORKER" in os.environ:  # each core has a worker of its own
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig

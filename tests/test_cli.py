@@ -154,6 +154,12 @@ def test_a_failure_is_one_line_and_its_traceback_is_in_the_log(
     assert not (tmp_path / "runs" / "latest").exists()
 
 
+def test_a_setting_that_the_simulation_refuses_leaves_no_run(lab: Lab, tmp_path: Path, quick: Path) -> None:
+    done = lab("task=simulate", "fem=quick", "fem.failure=input")
+    assert done.stderr == "pgdl-lab: fem.failure is 'input'; it must be lab or bug.\n"
+    assert run_folders(tmp_path) == [] and not (tmp_path / "runs" / "unfinished").is_symlink()
+
+
 def test_an_interrupt_is_told(lab: Lab, tmp_path: Path, quick: Path) -> None:
     done = lab("task=simulate", "fem=quick", "fem.failure=interrupt")
     assert done.returncode == 130

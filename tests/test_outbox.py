@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pgdl_lab import mlflow_server, outbox, tracking
+from pgdl_lab import folders, mlflow_server, outbox, tracking
 from pgdl_lab.errors import LabError
 from tests.test_tracking import client, new_folder, read
 
@@ -70,7 +70,7 @@ def test_what_was_missed_is_told_at_the_end_where_mlflow_answers_again(
             run.log_metrics({"loss": 1.0})
         run.log_metrics({"loss": 0.5}, step=1)
     assert len(warnings(caplog)) == 1
-    assert not (folder / outbox.MISSED).exists()
+    assert not (folder / folders.MISSED).exists()
     assert read(root, folder).data.metrics == {"loss": 0.5} and read(root, folder).info.status == "FINISHED"
 
 
@@ -115,7 +115,7 @@ def test_a_line_that_a_kill_cut_off_is_left_out(root: Path) -> None:
     folder = new_folder(root / "runs")
     with locked(root):
         outbox.send(folder, outbox.Message(tags={"a": "1"}))
-    with (folder / outbox.MISSED).open("a") as file:
+    with (folder / folders.MISSED).open("a") as file:
         file.write('\n{"params": {}, "ta')
     outbox.send(folder, outbox.Message(status="KILLED"))
     assert tracking.log_again(folder) == 1
@@ -129,7 +129,7 @@ def test_logging_again_says_when_it_cannot(root: Path) -> None:
         outbox.send(folder, outbox.Message(status="RUNNING"))
         with pytest.raises(LabError, match=r"mlflow\.db cannot be opened \(database is locked\): free it"):
             tracking.log_again(folder)
-    assert (folder / outbox.MISSED).exists()
+    assert (folder / folders.MISSED).exists()
 
 
 def test_a_run_whose_database_was_deleted_is_logged_again(root: Path, migrated_database: Path) -> None:
@@ -161,6 +161,6 @@ def test_any_path_can_hold_the_database_and_the_runs(
     assert (home / "runs" / "artifacts" / stored.info.run_id / "artifacts" / "metrics.json").is_file()
     assert {path.name for path in root.iterdir()} == {name, "mlflow.db", "runs"}  # nothing beside it
     lab.update_run(stored.info.run_id, status="RUNNING")
-    (folder / mlflow_server.RUN_ID).unlink()
+    (folder / folders.RUN_ID).unlink()
     tracking.close_killed(folder)
     assert lab.get_run(stored.info.run_id).info.status == "KILLED"

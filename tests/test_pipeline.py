@@ -14,7 +14,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Run
 
 import pgdl_lab
-from pgdl_lab.mlflow_server import RUN_ID
+from pgdl_lab.folders import RUN_ID
 from tests.conftest import Lab, environment
 
 WARNING = "The made-up finger is a comb."

@@ -10,7 +10,8 @@ from mlflow.entities import Run
 
 from pgdl_lab import tracking
 from pgdl_lab.errors import LabError
-from pgdl_lab.mlflow_server import EXPERIMENT, RUN_ID, connect
+from pgdl_lab.folders import RUN_ID
+from pgdl_lab.mlflow_server import EXPERIMENT, connect
 from pgdl_lab.snapshots import Snapshots
 from tests.conftest import environment
 
@@ -131,6 +132,19 @@ def test_another_database_is_used_where_the_environment_names_one(
         pass
     run_id = (folder / RUN_ID).read_text()
     assert MlflowClient(f"sqlite:///{other}").get_run(run_id).info.status == "FINISHED"
+
+
+def test_a_run_that_is_forgotten_is_no_longer_listed(root: Path) -> None:
+    folder = new_folder(root / "runs")
+    with tracking.tracked_run(folder, None):
+        pass
+    experiment = read(root, folder).info.experiment_id
+    assert len(client(root).search_runs([experiment])) == 1
+    tracking.forget(folder)
+    assert client(root).search_runs([experiment]) == []
+    (root / "mlflow.db").unlink()
+    (root / "mlflow.db").mkdir()
+    tracking.forget(folder)  # which is of no use, but no failure
 
 
 def test_a_damaged_database_is_one_sentence(root: Path) -> None:

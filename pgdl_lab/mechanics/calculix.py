@@ -77,7 +77,7 @@ def run(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float, ti
         When not even the weight alone led to an equilibrium.
     """
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads())}
-    weighed = weighs(finger)
+    weighed, law = weighs(finger), finger.material.calculix()
     before = _cpu_seconds()
     with tempfile.TemporaryDirectory(prefix="pgdl_lab_calculix_") as folder:
         job = Path(folder) / "finger"
@@ -98,7 +98,8 @@ def run(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float, ti
     if not weighed:
         states.insert(0, np.zeros_like(model.discretisation.positions))
     if not states:
-        raise LabError(f"CalculiX found no equilibrium under the weight alone: {trouble}.")
+        why = " Of a law in principal stretches it has few digits at such strains." if law.principal else ""
+        raise LabError(f"CalculiX found no equilibrium under the weight alone: {trouble}.{why} Choose fem=solid.")
     converged = [increment for increment in increments if increment.converged]
     return Course(
         pressures_kpa=np.array([0.0, *pressures_kpa])[: len(states)],

@@ -29,7 +29,9 @@ class Calculix(Fem):
     """The program CalculiX on the model of `fem=solid fem.element=hex20`: element C3D20R, weight, then pressure.
 
     It must be installed (Debian package calculix-ccx). Under pressure its Newton iteration converges ever more slowly,
-    as one does that lacks the stiffness of the follower load, and it fails where the solid still converges.
+    as one does that lacks the stiffness of the follower load, and it fails where the solid still converges. Of a law in
+    principal stretches (`ogden`) it has few digits at strains below 1e-3: it agrees with the solid under the weight and
+    pressures of soft fingers, and fails on stiff ones, which barely deform.
 
     Attributes
     ----------

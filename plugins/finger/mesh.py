@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from glob import escape
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -99,5 +100,7 @@ class Mesh(Finger):
         from pgdl_lab.mechanics.meshbody import load
 
         files = self.files()
-        stamps = tuple(stamp for path in files for stamp in (path.stat().st_mtime_ns, path.stat().st_size))
+        beside = files[0].parent.glob(f"{escape(files[0].stem)}.*")  # some formats put the numbers into another file
+        found = [path.stat() for path in (*files, *sorted(beside))]
+        stamps = tuple(stamp for file in found for stamp in (file.st_mtime_ns, file.st_size))
         return load(files[0], self.unit, tuple(self.axes), Parts(self.clamp, self.cavity, self.symmetry), stamps)

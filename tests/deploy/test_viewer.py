@@ -15,7 +15,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from pgdl_lab.deploy.viewer import page, polynomial
-from pgdl_lab.mlflow_server import RUN_ID
+from pgdl_lab.folders import RUN_ID
 from pgdl_lab.registry import plugin
 from pgdl_lab.surrogate import Surrogate
 from tests.conftest import Lab

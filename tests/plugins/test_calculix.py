@@ -230,6 +230,26 @@ class TestAgainstTheSolid:
         np.testing.assert_array_equal(snapshots.pressures_kpa, peer.pressures_kpa)
         np.testing.assert_allclose(snapshots.displacements, peer.displacements, atol=3e-4 * largest)
 
+    @pytest.mark.parametrize(
+        ("fields", "gravity"),
+        [
+            ({}, -9.81),
+            ({}, 0.0),
+            ({"mu_mpa": [0.22], "alpha": [2.0]}, -9.81),
+            ({"mu_mpa": [0.2, 0.04, -0.01], "alpha": [1.0, 5.0, -2.0]}, -9.81),
+        ],
+    )
+    def test_a_law_in_principal_stretches_agrees_at_small_strains(self, fields: dict[str, Any], gravity: float) -> None:
+        """Under its own weight and a little pressure, where CalculiX has few digits of such a law."""
+        material = registry.plugin("material", "ogden")(**fields)
+        soft = pneunet(max_kpa=1.0, gravity_m_s2=[0.0, gravity], material=material)
+        ours, theirs = (fem.simulate(soft, Observation(1, 800)) for fem in (solid(), calculix()))
+        assert ours.body is not None and theirs.body is not None
+        largest = np.abs(ours.displacements).max()
+        assert 0.05 < largest < 0.2
+        np.testing.assert_allclose(theirs.body.displacements[0], ours.body.displacements[0], atol=1e-4 * largest)
+        np.testing.assert_allclose(theirs.displacements, ours.displacements, atol=1e-4 * largest)
+
     @pytest.mark.parametrize("law", ["yeoh", "mooney_rivlin", "ogden"])
     def test_agree_in_large_bending(self, law: str) -> None:
         """To the digits that CalculiX prints where no pressure acts: 600 times the density.
