@@ -44,7 +44,9 @@ def test_it_learns_and_knows_how_well(fitted: Any) -> None:
     assert (error**2).mean() < 1e-2 * (data.displacements**2).mean()
     unseen = np.delete((np.abs(error) <= bars[..., None]).reshape(-1, 2), TRAIN, axis=0)
     assert 0.88 < unseen.mean() < 0.99
-    assert np.median(fitted.error_bar(data.points, 75.0)) > 2 * np.median(fitted.error_bar(data.points, 50.0))
+    assert np.median(fitted.error_bar(data.points, 75.0, beyond=True)) > 2 * np.median(
+        fitted.error_bar(data.points, 50.0)
+    )
 
 
 def test_a_fit_repeats_exactly(tmp_path: Path) -> None:

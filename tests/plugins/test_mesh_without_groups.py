@@ -211,14 +211,19 @@ def test_distance_from_triangles_against_many_points_on_them() -> None:
     np.testing.assert_allclose(distances(np.array([[1.5, 0.25, 0.0]]), flat, 1.0), 0.25)
 
 
-def test_surface_file_counts_for_what_is_kept(tmp_path: Path) -> None:
-    box, brick = bricks(lambda i, j, k: False, xs=(5.0, 35.0), ys=(-3.0, 3.0), zs=(5.0, 9.0))
-    path = bare(tmp_path / "a.vtu", *bricks())
-    surface = stl(tmp_path / "a.stl", box, skin(brick))
+def test_what_a_surface_file_selects_counts_for_what_is_kept(tmp_path: Path) -> None:
+    path = bare(tmp_path / "a.vtu", *bricks(lambda i, j, k: chamber(i, j, k) and i != 3))
+    surface = tmp_path / "a.stl"
     finger = from_file(path, clamp="x<1", cavity=str(surface))
-    before = snapshot_path(tmp_path, finger, solid(), Observation(1, 200))
-    stl(surface, box * 1.001, skin(brick))
-    assert snapshot_path(tmp_path, finger, solid(), Observation(1, 200)) != before
+
+    def key(xs: tuple[float, ...], by: float = 1.0) -> Path:
+        box, brick = bricks(lambda i, j, k: False, xs=xs, ys=(-3.0, 3.0), zs=(5.0, 9.0))
+        stl(surface, box * by, skin(brick))
+        return snapshot_path(tmp_path, finger, solid(), Observation(1, 200))
+
+    root = key((5.0, 15.0))
+    assert key((20.0, 35.0)) != root
+    assert key((5.0, 15.0), by=1.001) == root  # the same facets
 
 
 def test_changed_file_is_read_again(tmp_path: Path) -> None:
