@@ -250,11 +250,14 @@ class Protocol:
 
 
 def draw() -> None:
-    """Errors against epochs, of both trainings."""
+    """Errors against epochs, of the trainings that there are."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout="constrained")
-    for axis, split in zip(axes, SPLITS, strict=True):
+    found = [split for split in SPLITS if (DATA / f"paper_protocol_{split}.csv").exists()]
+    figure, axes = plt.subplots(
+        1, len(found), figsize=(1 + 4 * len(found), 3.6), sharey=True, squeeze=False, layout="constrained"
+    )
+    for axis, split in zip(axes[0], found, strict=True):
         with (DATA / f"paper_protocol_{split}.csv").open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         epochs = [float(row["epoch"]) for row in rows]
@@ -268,7 +271,7 @@ def draw() -> None:
         axis.set(title=f"split={split}", xlabel="epochs")
         axis.grid(which="major", alpha=0.3)
         axis.legend(frameon=False)
-    axes[0].set_ylabel("mean squared error (mm²)")
+    axes[0, 0].set_ylabel("mean squared error (mm²)")
     figure.savefig(FIGURE, dpi=150)
 
 
