@@ -59,7 +59,7 @@ class Trial:
     def experiment(self) -> Experiment:
         """What is run."""
         choices = [f"finger={self.finger}", f"split={self.split}", f"seed={self.seed}", "trainer.progress=false"]
-        choices += ["experiment=paper_random"] if self.model == PAPER else [f"model={self.model}"]
+        choices += ["experiment=paper_printed"] if self.model == PAPER else [f"model={self.model}"]
         if self.model == NETWORK and self.budget_s is not None:
             choices += DECAYING
         if self.budget_s is not None:

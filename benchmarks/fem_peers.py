@@ -21,7 +21,8 @@ from pgdl_lab.composing import experiment
 from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
-from pgdl_lab.mechanics import calculix  # imported, with all it needs, before any time is taken
+from pgdl_lab.mechanics import calculix  # noqa: F401 (imported, with all it needs, before any time is taken)
+from pgdl_lab.mechanics.calculix_program import program, version
 from pgdl_lab.snapshots import Observation, Snapshots
 
 console = Console(width=100)
@@ -58,7 +59,7 @@ def compare(ours: Timed, theirs: Timed) -> Table:
     a, b = ours.snapshots.displacements[:count], theirs.snapshots.displacements[:count]
     title = f"Gravity to {ours.snapshots.pressures_kpa[count - 1]:g} kPa, {count} snapshots"
     table = Table(title=f"{title}, {ours.snapshots.provenance['mesh']['nodes']:,} nodes")
-    for column in ("", "solid hex20", f"CalculiX {calculix.version()}", "difference", "relative"):
+    for column in ("", "solid hex20", f"CalculiX {version()}", "difference", "relative"):
         table.add_column(column, justify="right" if column else "left", no_wrap=True)
     for component, name in enumerate(("u_x", "u_z")):
         largest = np.abs(a[-1, :, component]).max()
@@ -89,7 +90,7 @@ def main() -> None:
     chosen = parser.parse_args()
     finger = experiment(["finger=pneunet_reference", f"finger.max_kpa={chosen.kpa}"]).finger
     observation = Observation(snapshots=chosen.snapshots)
-    calculix.program()
+    program()
     solid = registry.plugin("fem", "solid")(edge_mm=chosen.edge_mm, element="hex20", estimate_error=False)
     peer = registry.plugin("fem", "calculix")(edge_mm=chosen.edge_mm)
     console.print(compare(timed(solid, finger, observation), timed(peer, finger, observation)))

@@ -31,7 +31,7 @@ def main() -> None:
     given = parser.parse_args()
     discover()
     finger, solid = plugin("finger", given.finger)(), plugin("fem", "solid")()
-    losses = {name: plugin("loss", name)() for name in ("data", "boundary")}
+    losses = {"data": plugin("loss", "data")()}
     meshes = {}
     for fem in (solid, replace(solid, edge_mm=given.edge, estimate_error=False)):
         meshes[f"{fem.edge_mm:g} mm"], *_ = cache.simulate(finger, fem, Observation(), paths.RUNS / "snapshots")

@@ -33,12 +33,12 @@ def fill(trials: int) -> tuple[str, str, list[str], float]:
     """Experiment, parent run and children of a study of empty trials, and seconds per trial."""
     from mlflow.entities import Metric, Param
 
-    from pgdl_lab import paths, tracking
+    from pgdl_lab import folders, mlflow_server, paths, tracking
 
     folder = paths.RUNS / "study"
     folder.mkdir(parents=True)
     tracking.open_parent(folder, {"study": "study"})
-    client, experiment = tracking._connect()
+    client, experiment = mlflow_server.connect()
     children = []
     start = time.perf_counter()
     for number in range(trials):
@@ -46,12 +46,12 @@ def fill(trials: int) -> tuple[str, str, list[str], float]:
         typed = [f"setting.{n}={number + n}" for n in range(SETTINGS)]
         tags = {"trial": str(number), "trial_state": "complete"}
         tracking.note_job(job, folder, "FINISHED", tags, {"mse": float(number)}, typed)
-        children.append((job / tracking.RUN_ID).read_text())
+        children.append((job / folders.RUN_ID).read_text())
         metrics = [Metric(f"metric/{n}", float(n), 0, 0) for n in range(METRICS)]
         metrics += [Metric("raw/data", 1.0 / (step + 1), step, step) for step in range(EPOCHS)]
         client.log_batch(children[-1], metrics=metrics, params=[Param("finger", "pneunet")])
     seconds = (time.perf_counter() - start) / trials
-    return experiment, (folder / tracking.RUN_ID).read_text(), children, seconds
+    return experiment, (folder / folders.RUN_ID).read_text(), children, seconds
 
 
 def ask(url: str, body: Mapping[str, Any] | None = None) -> tuple[float, dict[str, Any]]:

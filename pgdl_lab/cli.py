@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,13 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from pgdl_lab import sweep
+from pgdl_lab import streams, sweep
 from pgdl_lab.composing import store_choices
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.experiment import Experiment, restore, resumed, save
-from pgdl_lab.folders import link_latest
-from pgdl_lab.messages import EXPECTED, sentence
+from pgdl_lab.errors import InputError
+from pgdl_lab.experiment import Experiment, drop_unchosen, restore, resumed, save
+from pgdl_lab.folders import RUN_ID, begin, discard, end, is_empty
+from pgdl_lab.hydra_versions import BASE, TRUST
+from pgdl_lab.messages import EXPECTED, sentence, typed
 from pgdl_lab.paths import CONF, PLUGINS
 from pgdl_lab.search.trial import PRUNED, TICKET, TrialPruned, time_limit
 from pgdl_lab.tasks import Job
@@ -31,6 +33,7 @@ _tracebacks = logging.getLogger("pgdl_lab.failure")  # goes to run.log only
 
 def main() -> None:
     """Run what the command line says; the exit code is 0 only if everything went well."""
+    streams.last()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors over; `sentence` words them
     logging.captureWarnings(True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # a cluster's stop: leave in order
@@ -39,7 +42,7 @@ def main() -> None:
     problem: str | None = None
     status = "KILLED"
     try:
-        hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")(job)()
+        hydra.main(config_path=str(CONF), config_name="config", **BASE, **TRUST)(job)()
         status = "FINISHED"
     except KeyboardInterrupt:
         sys.exit(128 + signal.SIGINT)
@@ -61,6 +64,7 @@ def job(config: DictConfig) -> Any:
     settings = HydraConfig.get()
     folder = Path(settings.runtime.output_dir)
     sweep_folder = Path(settings.sweep.dir) if settings.mode == RunMode.MULTIRUN else None
+    is_new = config.resume is None and config.get("run") is None
     if sweep_folder is not None:
         (folder / sweep.OVERRIDES).write_text(json.dumps(list(settings.overrides.task)), encoding="utf-8")
     try:
@@ -70,19 +74,26 @@ def job(config: DictConfig) -> Any:
             config = resumed(config, folder, settings.overrides.task)
         work = _work(config, folder, sweep_folder)
         with time_limit(folder):
-            return importlib.import_module(f"pgdl_lab.tasks.{config.task}").run(work)
+            result = importlib.import_module(f"pgdl_lab.tasks.{config.task}").run(work)
+        if config.get("run") is None:
+            end(folder)
+        return result
     except TrialPruned as stop:
         _log.info(str(stop))
+        end(folder)
         return PRUNED
     except (KeyboardInterrupt, SystemExit):  # Lightning makes the latter of the former
-        print(f"\npgdl-lab: stopped; resume={folder} goes on with it", file=sys.stderr)
+        print(f"\npgdl-lab: stopped; {typed('resume', folder)} goes on with it", file=sys.stderr)
         raise
     except Exception as error:
         problem = sentence(error)
         _tracebacks.exception(problem)
+        if sweep_folder is None and is_new and isinstance(error, InputError) and is_empty(folder):
+            _discard(folder)
         if sweep_folder is None:  # Hydra would add a line of its own to an exception
             sys.exit(f"pgdl-lab: {problem}" + ("" if isinstance(error, EXPECTED) else f" (see {folder}/run.log)"))
-        (folder / sweep.FAILURE).write_text(problem, encoding="utf-8")
+        with suppress(OSError):  # a full disk, which `problem` tells of
+            (folder / sweep.FAILURE).write_text(problem, encoding="utf-8")
         if not (folder / TICKET).is_file():  # the search marks its own
             _mark_failed(folder, sweep_folder, problem, settings.overrides.task)
         _log.error("Job %s failed: %s", folder.name, problem)
@@ -92,33 +103,43 @@ def job(config: DictConfig) -> Any:
 def _work(config: DictConfig, folder: Path, sweep_folder: Path | None) -> Job:
     """What the task is given: an experiment of its own, or with `run` an earlier one in the folder that it has."""
     if config.get("run") is None:
+        drop_unchosen(config, HydraConfig.get().overrides.task)
         work = Job(Experiment.from_config(config), config, folder, sweep_folder)
         save(config, folder / "config.yaml")
-        link_latest(folder)
+        begin(folder)
         return work
     if sweep_folder is not None:
         raise InputError(f"task={config.task} works on one run: leave out -m.")
-    return Job(Experiment.from_config(restore(folder / "config.yaml")), config, folder, None)
+    stored = folder / "config.yaml"  # a multirun has none
+    return Job(Experiment.from_config(restore(stored) if stored.is_file() else config), config, folder, None)
+
+
+def _discard(folder: Path) -> None:
+    """Remove what there is of a run that was refused."""
+    if (folder / RUN_ID).is_file():
+        from pgdl_lab.tracking import forget  # loads MLflow
+
+        forget(folder)
+    discard(folder)
 
 
 def _mark_failed(folder: Path, sweep_folder: Path, problem: str, overrides: list[str]) -> None:
     from pgdl_lab.tracking import note_job  # loads MLflow
 
-    try:
-        note_job(folder, sweep_folder, "FAILED", {"error": problem}, {}, overrides)
-    except LabError as error:  # the job's own failure is the one to tell
-        _log.warning("The failure is not in MLflow: %s", error)
+    note_job(folder, sweep_folder, "FAILED", {"error": problem}, {}, overrides)
 
 
 def _end_sweep(folder: Path, status: str) -> str | None:
     """Compare the multirun's jobs and close its parent run; list the jobs that failed."""
     from pgdl_lab.multirun import compare
-    from pgdl_lab.tracking import RUN_ID, end_parent, log_to_parent  # loads MLflow
+    from pgdl_lab.tracking import end_parent  # loads MLflow
 
-    compared = compare(folder)
-    if (folder / RUN_ID).is_file():
-        log_to_parent(folder, compared)
-    end_parent(folder, status)
+    compared: list[Path] = []
+    try:
+        compared = compare(folder)
+    except Exception as error:  # a full disk or a font: the jobs are done
+        _log.warning("The jobs could not be set side by side: %s", error)
+    end_parent(folder, status, compared)
     failed = sweep.failures(folder)
     if not failed:
         return None

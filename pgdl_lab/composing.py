@@ -9,7 +9,8 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
 from pgdl_lab import registry, tasks
-from pgdl_lab.experiment import Experiment, store_schema
+from pgdl_lab.experiment import Experiment, drop_unchosen, store_schema
+from pgdl_lab.hydra_versions import BASE
 from pgdl_lab.paths import CONF
 
 
@@ -27,7 +28,7 @@ def composed(choices: Sequence[str]) -> DictConfig:
     if GlobalHydra.instance().is_initialized():
         return compose("config", list(choices))
     store_choices()
-    with initialize_config_dir(str(CONF), version_base=None):
+    with initialize_config_dir(str(CONF), **BASE):
         return compose("config", list(choices))
 
 
@@ -39,4 +40,6 @@ def experiment(choices: Sequence[str]) -> Experiment:
     InputError
         If a value lies outside its limits.
     """
-    return Experiment.from_config(composed(choices))
+    config = composed(choices)
+    drop_unchosen(config, choices)
+    return Experiment.from_config(config)

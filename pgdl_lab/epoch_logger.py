@@ -30,8 +30,8 @@ class EpochLogger(Logger):
 
     @property
     def version(self) -> str:
-        """Id of the run; Lightning asks for it."""
-        return self._run.run_id
+        """Name of the run; Lightning asks for it."""
+        return self._run.folder.name
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
         self._run.log_metrics(metrics, step or 0)

@@ -1,11 +1,13 @@
 """An experiment: everything that one run is made of, built from its configuration."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import FrozenInstanceError, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem
@@ -15,7 +17,7 @@ from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.loss import Loss
 from pgdl_lab.model import Model
-from pgdl_lab.registry import KINDS, PARTS, config_node, plugin, restored
+from pgdl_lab.registry import KINDS, PARTS, config_node, plugin, require_values, restored
 from pgdl_lab.snapshots import Observation
 from pgdl_lab.split import Split
 
@@ -74,6 +76,27 @@ class Experiment:
         return cls(**{field.name: parts[field.name] for field in fields(cls)})
 
 
+def drop_unchosen(config: DictConfig, overrides: Sequence[str]) -> None:
+    """Drop what an experiment sets for losses that the command line `overrides` chose others in the place of.
+
+    Raises
+    ------
+    InputError
+        If a field of such a loss is typed.
+    """
+    for name in [str(name) for name in config.loss if OmegaConf.get_type(config.loss, name) is dict]:
+        if any(re.match(rf"\+*loss\.{re.escape(name)}\b", override) for override in overrides):
+            known = [str(other) for other in config.loss if other != name]
+            raise InputError(not_chosen(name, known))
+        with open_dict(config.loss):
+            del config.loss[name]
+
+
+def not_chosen(loss: str, known: list[str]) -> str:
+    """That a field of a loss is typed which is not among those `known`."""
+    return f"The loss '{loss}' is not chosen: type loss=[{','.join([*known, loss])}] too."
+
+
 def store_schema() -> None:
     """Put the typed settings into Hydra's ConfigStore, where `conf/config.yaml` finds them."""
     nodes = {name: config_node(settings) for name, settings in SETTINGS.items()}
@@ -105,9 +128,10 @@ def restore(path: Path) -> DictConfig:
     Raises
     ------
     InputError
-        If a plugin that it names is no longer there.
+        If a plugin that it names is no longer there, or it holds what is to be worked out.
     """
     stored: Any = OmegaConf.load(path)
+    require_values(OmegaConf.to_container(stored, resolve=False), path)
     for kind in KINDS:
         if kind == "loss":
             stored[kind] = {key: restored(kind, fields) for key, fields in stored[kind].items()}

@@ -1,6 +1,7 @@
 """The plugin kind `fem`: a finite-element model that turns a finger into snapshots."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pgdl_lab.errors import LabError
@@ -25,6 +26,10 @@ class SimulationStopped(LabError):
 @dataclass(frozen=True)
 class Fem(ABC):
     """A finite-element model of a finger under gravity and rising pressure."""
+
+    def programs(self) -> Mapping[str, str]:
+        """Programs beside Python that it runs, and their versions: results are kept under them too."""
+        return {}
 
     @abstractmethod
     def simulate(self, finger: Finger, observation: Observation) -> Snapshots:

@@ -1,10 +1,10 @@
 """The plugin kind `finger`: a soft body, its material and its loads."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +73,12 @@ class Finger(ABC):
         return bool(self.gravity_mm_s2[1] == 0)
 
     def files(self) -> Sequence[Path]:
-        """Files that determine the finger together with its fields; results are kept under what is in them."""
+        """Files that determine the finger together with its fields."""
         return ()
+
+    def content(self) -> Iterable[bytes | NDArray[Any]]:
+        """What these files hold: results are kept under it."""
+        return (path.read_bytes() for path in self.files())
 
     def finer(self, edge_mm: float) -> str:
         """What to do for a finer mesh than one with edges of `edge_mm` [mm], in words for a message."""

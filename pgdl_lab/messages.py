@@ -1,13 +1,19 @@
 """One clear sentence for an error, Hydra's and OmegaConf's own included."""
 
 import re
+import shlex
 from collections.abc import Iterator
+from contextlib import suppress
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
+from pgdl_lab import paths
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.experiment import not_chosen
+from pgdl_lab.files import FULL, no_room
 from pgdl_lab.registry import PARTS, choices, closest, field_names, names
 
 EXPECTED = (LabError, HydraException, OmegaConfBaseException)
@@ -19,16 +25,25 @@ def sentence(error: BaseException) -> str:
     for cause in _chain(error):
         if isinstance(cause, LabError):
             return _one_line(str(cause))
+        if isinstance(cause, OSError) and cause.errno in FULL:
+            return no_room(cause.filename or paths.ROOT)
         if isinstance(cause, ConfigKeyError | ConfigAttributeError):
             return _unknown_key(cause)
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
             text, raised, inner = str(cause.msg).splitlines()[0].partition(" raised while resolving interpolation: ")
             return inner if raised else f"{cause.full_key}: {text}"
         if isinstance(cause, OverrideParseException):
-            return _one_line(f"'{cause.override}' cannot be read as key=value: {cause.message}")
+            return _unreadable(cause)
     choice = re.search(r"(?:find|load) '([\w/]+)/([^/']+)'", str(error))
     if choice and isinstance(error, MissingConfigException):
         return _unknown(choice[2], choices(choice[1]), choice[1])
+    preset = re.match(r"In '([\w/]+)/([\w.-]+)': Config\w+Error .*full_key: (\S+)", str(error), re.S)
+    if preset:
+        group, name, key = preset.groups()
+        return (
+            f"{group}={name} sets {key}, which the chosen {key.partition('.')[0]} does not have: leave out one of the "
+            "two choices."
+        )
     text = _one_line(str(error)) or "no message"
     return text if isinstance(error, EXPECTED) else f"{type(error).__name__}: {text}"
 
@@ -47,13 +62,44 @@ def _unknown_key(error: ConfigKeyError | ConfigAttributeError) -> str:
     )
     place = str(error.full_key or name).rpartition(".")[0]
     if place == "loss" and name in names("loss"):
-        return f"The loss '{name}' is not chosen: type loss=[{','.join([*known, name])}] too."
+        return not_chosen(name, known)
     whole, _, part = place.rpartition(".")
     if PARTS.get(part) == whole:
         owners = [f"{whole}/{part}={other}" for other in names(part) if name in field_names(part, other)]
         if owners:
             return f"'{name}' is a field of {' and '.join(owners)}, which is not chosen: type that too."
     return _unknown(name, known, f"{place} field" if place else "choice or setting")
+
+
+def _unreadable(error: OverrideParseException) -> str:
+    """What Hydra's grammar does not take: text with signs in it has to be quoted."""
+    key, _, value = error.override.partition("=")
+    problem = _one_line(f"'{error.override}' cannot be read as key=value: {error.message}")
+    if not value or value[0] in "[{(\"'" or not re.fullmatch(r"[\w@/.+~-]+", key):
+        return problem
+    return f"'{error.override}' holds signs that mean something to Hydra: quote the value, {typed(key, value)}"
+
+
+def quoted(text: str) -> str:
+    """Text as Hydra's grammar takes it for the same text: in quotes where it needs them."""
+    with suppress(HydraException):
+        if OverridesParser.create().parse_override(f"key={text}").value() == text:
+            return text
+    escaped = re.sub(r"(\\+)$", r"\1\1", re.sub(r"(\\*)'", r"\1\1\\'", text))
+    return f"'{escaped}'"
+
+
+def typed(key: str, value: object) -> str:
+    """How to type a setting whose value is text, quoted where Hydra's grammar or the shell needs it."""
+    setting = f"{key}={quoted(str(value))}"
+    if re.fullmatch(r"[\w@%+=:,./~-]+", setting, re.ASCII):
+        return setting
+    return shlex.quote(setting) if re.search(r'["$`!]|\\(?=\\|$)', setting) else f'"{setting}"'
+
+
+def command(*choices: str, **settings: object) -> str:
+    """The command line with choices as they are and settings that are text."""
+    return " ".join(["python -m pgdl_lab", *choices, *(typed(key, value) for key, value in settings.items())])
 
 
 def _unknown(name: str, known: list[str], what: str) -> str:

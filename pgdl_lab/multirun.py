@@ -15,9 +15,11 @@ from pgdl_lab.files import replacing
 from pgdl_lab.search.objectives import numbers
 from pgdl_lab.sweep import FAILURE, OVERRIDES
 
+MESH_ERROR = "discretisation_error.tip_mm"
 COMPARED = {
     "mse_mm2.x": "MSE x [mm²]",
     "mse_mm2.z": "MSE z [mm²]",
+    MESH_ERROR: "mesh error [mm]",
     "seconds.simulate": "simulation [s]",
     "seconds.train": "training [s]",
     "latency_ms.full_field.median": "full field [ms]",
@@ -26,6 +28,7 @@ COMPARED = {
 }
 """Metrics that are set side by side, and their headings."""
 ACROSS = 4  # panels in a row of the figure
+BORDER, BESIDE = 1, 3  # characters that a table and each of its columns take beside what they hold
 
 
 @dataclass(frozen=True)
@@ -49,9 +52,12 @@ def compare(folder: Path) -> list[Path]:
         return []
     varied = _varied([row.settings for row in rows])
     columns = [key for key in COMPARED if any(key in row.metrics for row in rows)]
-    compared = [key for key in columns if key in _varied([row.metrics for row in rows if row.metrics])] or columns
-    Console().print(_table(rows, varied, compared))
+    differ = _varied([row.metrics for row in rows if row.metrics])
+    differ = [key for key in columns if key in differ] or columns
+    compared = [key for key in columns if key in differ or key == MESH_ERROR]
     path = folder / "comparison.csv"
+    console = Console()
+    console.print(_table(rows, varied, compared, console.width, path))
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["job", *varied, *columns, "error"])
@@ -76,19 +82,37 @@ def _row(job: Path) -> _Row:
     return _Row(job.name, settings, dict(numbers(found)), problem)
 
 
-def _table(rows: Sequence[_Row], varied: Sequence[str], columns: Sequence[str]) -> Table:
-    table = Table(title="The runs side by side")
-    table.add_column("job", justify="right")
-    table.add_column("settings")
+def _table(rows: Sequence[_Row], varied: Sequence[str], columns: Sequence[str], width: int, path: Path) -> Table:
+    """Jobs, settings and as many metrics as `width` has room for; the others are left to the file at `path`."""
+    settings = [[f"{name}={row.settings[name]}" for name in varied if name in row.settings] for row in rows]
+    longest = max((len(setting) for each in settings for setting in each), default=0)
+    job = max(len("job"), *(len(row.job) for row in rows))
+    room = width - BORDER - (job + BESIDE) - (min(max(longest, len("settings")), width // 3) + BESIDE)
+    cells = {key: [_cell(row, key) for row in rows] for key in columns}
+    shown: list[str] = []
     for key in columns:
-        table.add_column(Text(COMPARED[key].replace(" [", "\n[")), justify="right", no_wrap=True)
-    for row in rows:
-        figures = [f"{row.metrics[key]:.3g}" if key in row.metrics else "–" for key in columns]
-        if row.failure:
-            figures[0] = "failed"
-        settings = "  ".join(f"{name}={row.settings[name]}" for name in varied if name in row.settings)
-        table.add_row(row.job, Text(settings), *figures)
+        room -= max(map(len, [*cells[key], *_heading(key).split("\n")])) + BESIDE
+        if room < 0 and shown:
+            break
+        shown.append(key)
+    table = Table(title="The runs side by side", caption=f"More is in {path}." if len(shown) < len(columns) else None)
+    table.add_column("job", justify="right", no_wrap=True)
+    table.add_column("settings", overflow="fold")
+    for key in shown:
+        table.add_column(Text(_heading(key)), justify="right", no_wrap=True)
+    for number, row in enumerate(rows):
+        table.add_row(row.job, Text("  ".join(settings[number])), *(cells[key][number] for key in shown))
     return table
+
+
+def _heading(key: str) -> str:
+    return COMPARED[key].replace(" [", "\n[")
+
+
+def _cell(row: _Row, key: str) -> str:
+    if key in row.metrics:
+        return f"{row.metrics[key]:.3g}"
+    return "failed" if row.failure else "–"
 
 
 def _figure(rows: Sequence[_Row], columns: Sequence[str], path: Path) -> Path:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.files import replacing
-from pgdl_lab.snapshots import Body, Snapshots
+from pgdl_lab.snapshots import Body, Snapshots, writing
 from pgdl_lab.surrogate import Surrogate
 
 
@@ -47,10 +47,8 @@ def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
     "error_bar_mm" where the surrogate has one. What ParaView calls time is the pressure [kPa]. The numbers lie beside
     `path` in an HDF5 file.
     """
-    import h5py
-
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
-    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
     fields = {
         "fem_mm": in_space(snapshots.displacements),
         "surrogate_mm": in_space(predicted),
@@ -59,7 +57,7 @@ def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     numbers = path.with_suffix(".h5")
-    with replacing(numbers) as temporary, h5py.File(temporary, "w") as file:
+    with writing(numbers) as file:
         mesh = {"points": in_space(snapshots.points), "triangles": snapshots.triangles}
         grid = [_item(file, name, array, numbers.name) for name, array in mesh.items()]
         steps = []

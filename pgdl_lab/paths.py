@@ -18,5 +18,11 @@ BEST = RUNS / "best"
 CONF = (_CHECKOUT or _PACKAGE) / "conf"
 """The YAML files: beside the package in a checkout, inside it when installed from a wheel."""
 
-PLUGINS = [folder for folder in dict.fromkeys([_CHECKOUT and _CHECKOUT / "plugins", ROOT / "plugins"]) if folder]
-"""Folders of plugins outside the package: the checkout's and the user's own."""
+SHIPPED_PLUGINS = (_CHECKOUT or _PACKAGE) / "plugins"
+"""The plugins that come with the lab: beside the package in a checkout, inside it when installed from a wheel."""
+
+OWN_PLUGINS = ROOT / "plugins"
+"""The user's own plugins. The command line imports them; loading a surrogate never does."""
+
+PLUGINS = list(dict.fromkeys([SHIPPED_PLUGINS, OWN_PLUGINS]))
+"""Folders of plugins."""

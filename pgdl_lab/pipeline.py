@@ -25,6 +25,14 @@ from pgdl_lab.tracking import TrackedRun
 _log = logging.getLogger(__name__)
 
 
+def check(experiment: Experiment) -> None:
+    """Refuse what cannot be trained; raises InputError."""
+    observation = experiment.observation
+    experiment.split.check(observation.pressures_kpa(experiment.finger.max_kpa), observation.points)
+    for loss in experiment.loss.values():
+        loss.check(experiment.finger)
+
+
 def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, Any]:
     """Train and assess one surrogate; everything is written to `folder`.
 
@@ -44,12 +52,9 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     Raises
     ------
     LabError
-        If the split leaves no test points, the simulation stops or the training diverges.
+        If the simulation stops or the training diverges.
     """
     finger, observation, seed = experiment.finger, experiment.observation, experiment.seed
-    experiment.split.check(observation.pressures_kpa(finger.max_kpa), observation.points)
-    for loss in experiment.loss.values():
-        loss.check(finger)
     left_out = experiment.model.left_out(experiment.loss)
 
     start = time.perf_counter()
@@ -82,7 +87,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     try:
         surrogate = trained(experiment.model, training)
     except TrainingDiverged as diverged:
-        diverged.surrogate.save(folder / "surrogate.pt")
+        earlier = (folder / "surrogate.pt").exists()  # of a training that ended well before it was resumed
+        diverged.surrogate.save(folder / ("surrogate_diverged.pt" if earlier else "surrogate.pt"))
         raise
     surrogate.save(folder / "surrogate.pt")
     seconds["train"] = time.perf_counter() - start

@@ -14,17 +14,18 @@ import importlib
 import json
 import logging
 import pkgutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, fields
 from difflib import get_close_matches
 from functools import partial
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any, TypeVar
 
 from omegaconf import MISSING, DictConfig, OmegaConf, flag_override
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.paths import BEST, CONF
+from pgdl_lab.paths import BEST, CONF, SHIPPED_PLUGINS
 
 KINDS = ("finger", "fem", "split", "loss", "model")
 """The plugin kinds: each is a config group, a folder in `plugins/` and an abstract class in `pgdl_lab/`."""
@@ -115,17 +116,28 @@ def _lift_readonly(node: Any) -> None:
 
 
 def discover(*kinds: str) -> None:
-    """Import every plugin, or those of `kinds`: the modules of `pgdl_lab.plugins`, then the entry points of that name.
+    """Import every plugin, or those of `kinds`: shipped, in the folder `plugins/` of the root, in installed packages.
 
-    A plugin that cannot be imported is named in a warning, and the others still load.
+    These are the modules of `pgdl_lab.plugins`, then the entry points of that name. A plugin that cannot be imported is
+    named in a warning, and the others still load.
     """
+    from pgdl_lab import plugins
+
+    plugins.discover_own()
     for module in _modules(kinds or tuple(_plugins)):
         _load(module, partial(importlib.import_module, module))
     for entry in sorted(entry_points(group="pgdl_lab.plugins")):
         _load(f"entry point {entry.name} = {entry.value}", entry.load)
 
 
-def _modules(kinds: Iterable[str]) -> Iterable[str]:
+def discover_shipped(kind: str) -> None:
+    """Import the plugins of a kind that come with the lab, and no others."""
+    for module in _modules([kind], SHIPPED_PLUGINS / kind):
+        _load(module, partial(importlib.import_module, module))
+
+
+def _modules(kinds: Iterable[str], only: Path | None = None) -> Iterator[str]:
+    """Names of the modules with plugins of `kinds`, or of those in the folder `only`."""
     for kind in kinds:
         try:
             package = importlib.import_module(f"pgdl_lab.plugins.{kind}")
@@ -140,7 +152,8 @@ def _modules(kinds: Iterable[str]) -> Iterable[str]:
                     )
                 elif not name.startswith("_"):
                     found[name] = folder
-        yield from (f"{package.__name__}.{name}" for name in sorted(found))
+        wanted = (name for name, folder in found.items() if only in (None, Path(folder).resolve()))
+        yield from (f"{package.__name__}.{name}" for name in sorted(wanted))
 
 
 def _load(label: str, load: Callable[[], object]) -> None:
@@ -222,6 +235,31 @@ def restored(kind: str, description: Mapping[str, Any]) -> DictConfig:
     merged = OmegaConf.merge(node, values)
     assert isinstance(merged, DictConfig)
     return merged
+
+
+def require_values(stored: Any, path: Path) -> None:
+    """Check that nothing in settings from a file is to be worked out by OmegaConf.
+
+    What stands for `${…}` is up to functions that this program registered: a file must not call them.
+
+    Raises
+    ------
+    InputError
+        When there is such a text.
+    """
+    for text in _texts(stored):
+        if "${" in text:
+            raise InputError(f"{path} holds the setting '{text}': stored settings are values, never ${{…}}.")
+
+
+def _texts(tree: Any) -> Iterator[str]:
+    """All texts in nested settings."""
+    if isinstance(tree, str):
+        yield tree
+    elif isinstance(tree, dict):
+        yield from (text for pair in tree.items() for part in pair for text in _texts(part))
+    elif isinstance(tree, list):
+        yield from (text for part in tree for text in _texts(part))
 
 
 def field_names(kind: str, name: str) -> list[str]:

@@ -5,8 +5,6 @@ import numpy as np
 from pgdl_lab.finger import Finger
 from pgdl_lab.snapshots import Snapshots
 
-WARNINGS = "warnings"
-"""Where the provenance of snapshots keeps what a simulation warns of: a list of sentences."""
 REACH = 0.1  # of the length: how far from the clamp and from the tip the base line may end
 GAP = 3.0  # times the usual spacing of its points is a gap in it, if it is longer than that part, too
 ELSEWHERE = 2.0  # times as much motion in the body as in what is observed is worth a word

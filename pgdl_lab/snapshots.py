@@ -1,18 +1,26 @@
 """The dataset: displacements of the side face at rising pressures, and its HDF5 file."""
 
 import json
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.files import replacing
+from pgdl_lab.hdf5 import require_contained
+from pgdl_lab.heard import WARNINGS
 
 FORMAT = "pgdl_lab snapshots"
 VERSION = 1
+BUSY_S = 10.0  # for which another program may write to a file
+GLANCE_S = 0.2
 
 
 class DamagedSnapshots(LabError):
@@ -69,6 +77,17 @@ class Body:
     pressures_kpa: NDArray[np.float64]
     displacements: NDArray[np.float64]
 
+    def fits(self) -> bool:
+        """Whether the arrays fit together."""
+        nodes = len(self.positions)
+        return (
+            self.positions.shape == (nodes, 3)
+            and self.cells.ndim == 2
+            and _within(self.cells, nodes)
+            and self.pressures_kpa.ndim == 1
+            and self.displacements.shape == (len(self.pressures_kpa), nodes, 3)
+        )
+
 
 @dataclass(frozen=True)
 class Snapshots:
@@ -92,7 +111,7 @@ class Snapshots:
         The whole body at the equilibria that were solved for; None where the model has no body.
     provenance
         Finger, mesh, material, solver, versions: everything needed to say where the numbers come from (JSON types
-        only).
+        only); "warnings" are sentences on what may be wrong with them.
     """
 
     points: NDArray[np.float64]
@@ -104,11 +123,14 @@ class Snapshots:
     body: Body | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def warnings(self) -> list[str]:
+        """What the simulation warned of, in sentences."""
+        return list(self.provenance.get(WARNINGS, ()))
+
     def save(self, path: Path) -> None:
         """Write an HDF5 file; `path` appears only when the file is whole."""
-        import h5py
-
-        with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        with writing(path) as file:
             file.attrs.update(format=FORMAT, version=VERSION, provenance=json.dumps(self.provenance))
             _write(file, self)
             if self.body is not None:
@@ -122,11 +144,12 @@ class Snapshots:
         ------
         DamagedSnapshots
             When the file is truncated, altered or not one of ours; the message says which.
+        LabError
+            When it cannot be opened now.
         """
-        import h5py
-
         try:
-            with h5py.File(path, "r") as file:
+            with _opened(path) as file:
+                require_contained(file)
                 if file.attrs.get("format") != FORMAT:
                     raise DamagedSnapshots(f"{path} is an HDF5 file, but does not hold snapshots of pgdl_lab.")
                 if file.attrs["version"] != VERSION:
@@ -137,7 +160,9 @@ class Snapshots:
                 body = _read(file["body"], Body) if "body" in file else None
                 snapshots = cls(body=body, provenance=json.loads(file.attrs["provenance"]), **_arrays(file, cls))
         except (OSError, KeyError, ValueError, TypeError) as error:
-            raise DamagedSnapshots(f"{path} is no readable snapshot file, it may be truncated ({error}).") from error
+            raise DamagedSnapshots(
+                f"{path} is no readable snapshot file, it may be truncated or foreign ({error})."
+            ) from error
         snapshots._check(path)
         return snapshots
 
@@ -145,12 +170,59 @@ class Snapshots:
         nodes, pressures = len(self.points), len(self.pressures_kpa)
         fits = (
             self.points.shape == (nodes, 2)
+            and self.triangles.shape[1:] == (3,)
+            and self.pressures_kpa.ndim == self.base.ndim == self.clamp.ndim == 1
             and self.displacements.shape == (pressures, nodes, 2)
-            and all(index.size == 0 or index.max() < nodes for index in (self.triangles, self.base, self.clamp))
-            and np.isfinite(self.displacements).all()
+            and all(_within(index, nodes) for index in (self.triangles, self.base, self.clamp))
+            and all(np.isfinite(array).all() for array in (self.points, self.pressures_kpa, self.displacements))
+            and (self.body is None or self.body.fits())
+            and isinstance(self.provenance, dict)
         )
         if not fits:
             raise DamagedSnapshots(f"{path} holds arrays that do not fit together; delete it to compute it again.")
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[Any]:
+    """An open HDF5 file that appears at `path` when it is whole.
+
+    It is made in memory: where a disk is full, HDF5 ends the whole process.
+    """
+    import h5py
+
+    with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
+        yield file
+        file.flush()
+        image = file.id.get_file_image()
+    with replacing(path) as temporary:
+        temporary.write_bytes(image)
+
+
+def _opened(path: Path) -> Any:
+    """The open HDF5 file, after a while if another program writes to it."""
+    import h5py
+
+    until = time.monotonic() + BUSY_S
+    while True:
+        try:
+            return h5py.File(path, "r")
+        except BlockingIOError as error:
+            if time.monotonic() > until:
+                raise LabError(
+                    f"{path} is held by another program that may write to it, such as a viewer of HDF5 files or a "
+                    "Python session: close it there."
+                ) from error
+        except OSError as error:
+            if error.errno is None:  # HDF5 itself, about what is in the file
+                raise
+            raise LabError(
+                f"{path} cannot be opened ({os.strerror(error.errno)}): check the file and who may read it."
+            ) from error
+        time.sleep(GLANCE_S)
+
+
+def _within(index: NDArray[Any], nodes: int) -> bool:
+    return index.size == 0 or bool(0 <= index.min() <= index.max() < nodes)
 
 
 def _array_names(cls: type) -> list[str]:
@@ -168,7 +240,13 @@ def _write(group: Any, record: Snapshots | Body) -> None:
 
 
 def _arrays(group: Any, cls: type) -> dict[str, NDArray[Any]]:
-    return {name: group[name][()] for name in _array_names(cls)}
+    arrays = {}
+    for name in _array_names(cls):
+        (wanted,) = get_args(get_args(get_type_hints(cls)[name])[1])
+        arrays[name] = group[name][()]
+        if arrays[name].dtype != wanted:
+            raise ValueError(f"'{name}' is of type {arrays[name].dtype}")
+    return arrays
 
 
 def _read(group: Any, cls: type[Body]) -> Body:

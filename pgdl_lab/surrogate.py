@@ -6,7 +6,7 @@ import hashlib
 import json
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,18 +15,20 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pgdl_lab.deploy import archive
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.inverse import Answer, Inverse
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.deploy.query import points_of, pressures_of
 from pgdl_lab.deploy.shapes import Shapes
 from pgdl_lab.errors import InputError
-from pgdl_lab.files import replacing
+from pgdl_lab.heard import WARNINGS
 
 FORMAT = "pgdl_lab surrogate"
 VERSION = 3
 AT_REST = 0.1  # of the highest trained pressure: if the lowest lies below that, all from 0 kPa on count as trained
-ROUNDING = 1e-9  # of the highest trained pressure
+ROUNDING = 1e-6  # of the highest trained pressure: what a controller's sums may lie off the trained ones
+BEYOND = 1.25  # times the highest trained pressure: as far as a surrogate answers; see docs/export.md
 UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}
 
 Floats = NDArray[np.float64]
@@ -34,6 +36,10 @@ Floats = NDArray[np.float64]
 
 class Outside(UserWarning):
     """A question that the surrogate was not trained for."""
+
+
+class TooFar(InputError):
+    """A pressure so far outside the trained ones that an answer would be worth nothing."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,10 @@ class Face:
     mesh: FaceMesh
     base: NDArray[np.int64]
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a file holds of it."""
+        return {**asdict(self.mesh), "base": self.base}
+
 
 @dataclass(frozen=True)
 class Record:
@@ -61,7 +71,8 @@ class Record:
     ranges
         Least and greatest training value: "x_mm", "z_mm" and "pressure_kpa".
     provenance
-        Where the training data come from.
+        Where the training data come from; "warnings" are sentences on what may be wrong with them and with the
+        training.
     history
         Entries of the loss history: "epoch", "seconds", "lr", "raw/<loss>", "weighted/<loss>", "share/<loss>".
     face
@@ -92,8 +103,8 @@ class Surrogate(ABC):
     Attributes
     ----------
     outside
-        What a question is answered with that the surrogate was not trained for, a pressure outside the trained ones or
-        a point off the body: "warn" (once for each of the two), "raise" or "ignore".
+        What a question is answered with that the surrogate was not trained for, a pressure a little outside the trained
+        ones or a point off the body: "warn" (once for each of the two), "raise" or "ignore".
     shapes
         What `state` must look like.
     """
@@ -105,6 +116,7 @@ class Surrogate(ABC):
         self.record = record
         self.outside = "warn"
         self._warned: dict[str, object] = {}
+        self._limits = self.trained_kpa(), self.allowed_kpa()
         self._last: tuple[Floats, Probe] | None = None  # control loops ask for the same points again and again
 
     @abstractmethod
@@ -126,6 +138,11 @@ class Surrogate(ABC):
         return {name: list(bounds) for name, bounds in self.record.ranges.items()}
 
     @property
+    def warnings(self) -> list[str]:
+        """What its simulation and its training warned of, in sentences."""
+        return list(self.record.provenance.get(WARNINGS, ()))
+
+    @property
     def face(self) -> Face:
         """The side face.
 
@@ -143,7 +160,7 @@ class Surrogate(ABC):
         """The end of the undeformed base line (2,) [mm]."""
         return self.face.mesh.points_mm[self.face.base[-1]]
 
-    def predict(self, points_mm: ArrayLike, pressure_kpa: ArrayLike) -> Floats:
+    def predict(self, points_mm: ArrayLike, pressure_kpa: ArrayLike, *, beyond: bool = False) -> Floats:
         """Displacement of points of the undeformed face.
 
         Parameters
@@ -152,6 +169,8 @@ class Surrogate(ABC):
             (N, 2), x and z of the undeformed points [mm].
         pressure_kpa
             A number or (P,) [kPa].
+        beyond
+            Whether pressures outside `allowed_kpa` are answered too, with whatever comes out.
 
         Returns
         -------
@@ -159,16 +178,18 @@ class Surrogate(ABC):
 
         Raises
         ------
+        TooFar
+            When a pressure lies outside `allowed_kpa`, unless `beyond`.
         InputError
             When a shape is wrong or a value is not a finite number; with outside="raise" also when a pressure or a
             point lies outside what was trained.
         """
         points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
+        self._check_pressures(points, pressures, beyond)
         probe = self._probed(points)
-        self._check_pressures(points, pressures)
         return probe.values(pressures) if pressures.ndim else probe.value(float(pressures))
 
-    def at(self, points_mm: ArrayLike) -> At:
+    def at(self, points_mm: ArrayLike, *, beyond: bool = False) -> At:
         """The surrogate at fixed points, for control loops: `at(points)(kpa)` is `predict(points, kpa)`, but faster.
 
         Raises
@@ -177,19 +198,19 @@ class Surrogate(ABC):
             See `predict`.
         """
         points = points_of(points_mm)
-        return At(self, points, self._probed(points))
+        return At(self, points, self._probed(points), beyond)
 
     def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
         """Error bars (P, N) [mm] at checked points (N, 2) [mm] and pressures (P,) [kPa]; None: has none."""
         return None
 
-    def error_bar(self, points_mm: ArrayLike, pressure_kpa: ArrayLike) -> Floats | None:
+    def error_bar(self, points_mm: ArrayLike, pressure_kpa: ArrayLike, *, beyond: bool = False) -> Floats | None:
         """What the model itself expects to err by: |error| of u_x, and of u_z, stays below it in 95 of 100 cases.
 
         Parameters
         ----------
-        points_mm, pressure_kpa
-            See `predict`.
+        points_mm, pressure_kpa, beyond
+            See `predict`. No bar is to be relied on outside `allowed_kpa`.
 
         Returns
         -------
@@ -198,9 +219,12 @@ class Surrogate(ABC):
         Raises
         ------
         InputError
-            When a shape is wrong or a value is not a finite number.
+            When a shape is wrong or a value is not a finite number, or a pressure lies outside `allowed_kpa`, unless
+            `beyond`.
         """
         points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
+        if not beyond:
+            self._check_distance(pressures)
         bars = self.bars(points, np.atleast_1d(pressures))
         return bars if bars is None or pressures.ndim else bars[0]
 
@@ -242,28 +266,31 @@ class Surrogate(ABC):
         if "pressure_kpa" not in self.record.ranges:
             return -np.inf, np.inf
         low, high = self.record.ranges["pressure_kpa"]
-        return 0.0 if 0 <= low <= AT_REST * high else low, high + ROUNDING * abs(high)
+        return 0.0 if 0 <= low <= AT_REST * high else low, high
+
+    def allowed_kpa(self) -> tuple[float, float]:
+        """Least and greatest pressure that is answered [kPa]: up to `BEYOND` times the highest trained one.
+
+        Below the trained ones it goes as far, but not to suction where none was trained.
+        """
+        low, high = self.trained_kpa()
+        if not np.isfinite(high):
+            return low, high
+        more = (BEYOND - 1) * max(abs(low), abs(high))
+        return max(low - more, 0.0) if low >= 0 else low - more, high + more
 
     def save(self, path: str | Path) -> None:
-        """Write the surrogate to `path`; the file appears there only when it is complete."""
-        import torch
-
-        def tensors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
-            return {name: torch.from_numpy(np.array(array, order="C")) for name, array in arrays.items()}
-
-        face, record = self.record.face, self.record
-        content = {
+        """Write the surrogate to `path`, in the safetensors format; the file appears there only when it is complete."""
+        record = self.record
+        about = {
             "format": FORMAT,
             "version": VERSION,
             "model": self.model,
-            "state": tensors(self.state()),
             "record": {"ranges": record.ranges, "provenance": record.provenance, "history": record.history},
-            "face": face and tensors({**asdict(face.mesh), "base": face.base}),
-            "provenance_hash": self.record.provenance_hash,
+            "provenance_hash": record.provenance_hash,
             "units": UNITS,
         }
-        with replacing(Path(path)) as temporary:
-            torch.save(content, temporary)
+        archive.write(Path(path), about, state=self.state(), face=record.face.arrays() if record.face else {})
 
     def _probed(self, points_mm: Floats) -> Probe:
         """The probe of these points, which are checked; that of the last ones is kept."""
@@ -275,9 +302,13 @@ class Surrogate(ABC):
         self._last = points_mm.copy(), probe
         return probe
 
+    def _settled(self, what: str) -> bool:
+        """Whether nothing more is to be said of "points" or "pressures" outside."""
+        return self.outside == "ignore" or (self.outside == "warn" and what in self._warned)
+
     def _check_points(self, points_mm: Floats) -> None:
         face = self.record.face
-        if face is None or self.outside == "ignore" or not len(points_mm):
+        if face is None or self._settled("points") or not len(points_mm):
             return
         distance_mm = face.mesh.distance_mm(points_mm, *face.mesh.locate(points_mm))
         off = np.flatnonzero(distance_mm > face.mesh.tolerance_mm)
@@ -285,35 +316,62 @@ class Surrogate(ABC):
             x, z = points_mm[distance_mm.argmax()]
             self._complain(
                 "points",
-                f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, z = {z:g} mm "
-                f"by {distance_mm.max():.3g} mm: give points in mm on the body; each counts as the nearest point on it"
-                f"{self._told_bar(points_mm[off], self.record.ranges['pressure_kpa'][1])}.",
+                lambda: (
+                    f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, "
+                    f"z = {z:g} mm by {distance_mm.max():.3g} mm: give points in mm on the body; each counts as the "
+                    f"nearest point on it{self._told_bar(points_mm[off], self.record.ranges['pressure_kpa'][1])}."
+                ),
             )
 
-    def _check_pressures(self, points_mm: Floats, pressures_kpa: Floats) -> None:
-        low, high = self.trained_kpa()
-        outside = (pressures_kpa < low) | (pressures_kpa > high)
-        if self.outside == "ignore" or not outside.any():
+    def _check_pressures(self, points_mm: Floats, pressures_kpa: Floats, beyond: bool) -> None:
+        (low, high), rounding = self._limits[0], ROUNDING * abs(self._limits[0][1])
+        if not ((pressures_kpa < low - rounding) | (pressures_kpa > high + rounding)).any():
             return
-        which = np.atleast_1d(pressures_kpa)[np.atleast_1d(outside)]
-        farthest = float(which[np.abs(which - (low + high) / 2).argmax()])
-        trained = "{:g} to {:g}".format(*self.record.ranges["pressure_kpa"])
-        self._complain(
-            "pressures",
-            f"{farthest:g} kPa lies outside the trained {trained} kPa: give pressures in kPa within them, or take the "
-            f"answer as an extrapolation{self._told_bar(points_mm, farthest)}.",
-        )
+        if not beyond:
+            self._check_distance(pressures_kpa)
+        if self._settled("pressures"):
+            return
+
+        def message() -> str:
+            farthest = _farthest(pressures_kpa, low, high)
+            return (
+                f"{farthest:g} kPa lies outside the trained {self._trained()} kPa: give pressures in kPa within them, "
+                f"or take the answer as an extrapolation{self._told_bar(points_mm, farthest)}."
+            )
+
+        self._complain("pressures", message)
+
+    def _check_distance(self, pressures_kpa: Floats) -> None:
+        """Refuse pressures outside `allowed_kpa`."""
+        low, high = self._limits[1]
+        rounding = ROUNDING * abs(high)
+        if ((pressures_kpa < low - rounding) | (pressures_kpa > high + rounding)).any():
+            farthest = _farthest(pressures_kpa, low, high)
+            raise TooFar(
+                f"{farthest:g} kPa lies too far outside the trained {self._trained()} kPa for an answer to be worth "
+                f"anything: give pressures in kPa from {low:g} to {high:g}, train on higher ones, or pass beyond=True "
+                "for whatever comes out."
+            )
+
+    def _trained(self) -> str:
+        return "{:g} to {:g}".format(*self.record.ranges["pressure_kpa"])
 
     def _told_bar(self, points_mm: Floats, kpa: float) -> str:
         bars = self.bars(points_mm, np.array([kpa])) if len(points_mm) else None
         return " without an error bar" if bars is None else f", with an error bar of up to {bars.max():.2g} mm"
 
-    def _complain(self, what: str, message: str) -> None:
+    def _complain(self, what: str, message: Callable[[], str]) -> None:
         if self.outside == "raise":
-            raise InputError(message)
+            raise InputError(message())
         own = object()
         if self._warned.setdefault(what, own) is own:  # true of one thread alone
-            warnings.warn(message, Outside, stacklevel=4)
+            warnings.warn(message(), Outside, stacklevel=4)
+
+
+def _farthest(pressures_kpa: Floats, low: float, high: float) -> float:
+    """The pressure that lies farthest below `low` or above `high` [kPa]."""
+    which = np.atleast_1d(pressures_kpa)
+    return float(which[np.maximum(low - which, which - high).argmax()])
 
 
 class At:
@@ -327,11 +385,15 @@ class At:
         (N, 2), checked points [mm].
     probe
         The surrogate at them.
+    beyond
+        Whether any pressure is answered.
     """
 
-    def __init__(self, surrogate: Surrogate, points_mm: Floats, probe: Probe) -> None:
-        self._surrogate, self._points_mm, self._probe = surrogate, points_mm, probe
-        self._low, self._high = surrogate.trained_kpa()
+    def __init__(self, surrogate: Surrogate, points_mm: Floats, probe: Probe, beyond: bool = False) -> None:
+        self._surrogate, self._points_mm, self._probe, self._beyond = surrogate, points_mm, probe, beyond
+        (low, high), (least, most) = surrogate.trained_kpa(), surrogate.allowed_kpa()
+        self._low, self._high = low - ROUNDING * abs(high), high + ROUNDING * abs(high)
+        self._least, self._most = (-np.inf, np.inf) if beyond else (least, most)
 
     def __call__(self, pressure_kpa: float) -> Floats:
         """Displacement (N, 2) [mm] at a pressure [kPa]."""
@@ -345,10 +407,12 @@ class At:
         try:
             if self._low <= kpa <= self._high:  # not so for NaN
                 return float(kpa)
+            if self._least <= kpa <= self._most and abs(kpa) < np.inf and self._surrogate._settled("pressures"):
+                return float(kpa)
         except (TypeError, ValueError):
             pass  # what is no number is named below
         pressure = pressures_of(kpa)
         if pressure.ndim:
             raise InputError(f"pressure_kpa has shape {pressure.shape}; it must be one number in kPa, or use predict.")
-        self._surrogate._check_pressures(self._points_mm, pressure)
+        self._surrogate._check_pressures(self._points_mm, pressure, self._beyond)
         return float(pressure)

@@ -17,6 +17,8 @@ _root = tempfile.mkdtemp(prefix="pgdl_lab_tests_")
 atexit.register(shutil.rmtree, _root, ignore_errors=True)
 os.environ["PGDL_LAB_ROOT"] = _root  # before anything imports pgdl_lab.paths
 os.environ.pop("MLFLOW_TRACKING_URI", None)
+if "PYTEST_XDIST_WORKER" in os.environ:  # each core has a worker of its own
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -36,10 +38,11 @@ def composed(*typed: str) -> "DictConfig":
     from hydra import compose, initialize_config_dir
 
     from pgdl_lab.composing import store_choices
+    from pgdl_lab.hydra_versions import BASE
     from pgdl_lab.paths import CONF
 
     store_choices()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
+    with initialize_config_dir(str(CONF), **BASE):
         return compose("config", list(typed))
 
 

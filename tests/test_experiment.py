@@ -1,11 +1,13 @@
 from pathlib import Path
 
 import pytest
+from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from pgdl_lab import experiment, registry
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.messages import sentence
 from pgdl_lab.paths import CONF
 from tests.conftest import composed
 
@@ -86,17 +88,53 @@ def test_a_stored_plugin_that_is_gone_is_named(tmp_path: Path) -> None:
         experiment.restore(tmp_path / "config.yaml")
 
 
-@pytest.mark.parametrize("name", ["paper_random", "paper_extrapolate"])
-def test_the_papers_settings(name: str) -> None:
+def test_a_stored_configuration_calls_nothing(tmp_path: Path) -> None:
+    experiment.save(composed(), tmp_path / "config.yaml")
+    with (tmp_path / "config.yaml").open("a") as file:
+        file.write("note: ${oc.env:HOME}\n")
+    with pytest.raises(InputError, match=r"config.yaml holds the setting '\$\{oc.env:HOME\}': stored settings are"):
+        experiment.restore(tmp_path / "config.yaml")
+
+
+@pytest.mark.parametrize(
+    ("name", "split", "form"),
+    [
+        ("paper_random", "random", "corrected"),
+        ("paper_extrapolate", "extrapolate", "corrected"),
+        ("paper_printed", "random", "published"),
+    ],
+)
+def test_the_papers_settings(name: str, split: str, form: str) -> None:
     paper = experiment.Experiment.from_config(composed(f"experiment={name}"))
-    assert registry.describe(paper.split)["name"] == name.removeprefix("paper_")
+    assert registry.describe(paper.split)["name"] == split
     assert paper.split.points == 20_000
     model = registry.describe(paper.model)
     assert (model["name"], model["depth"], model["width"], model["activation"]) == ("mlp", 8, 100, "relu")
-    assert registry.describe(paper.loss["navier_cauchy"])["form"] == "published"
+    assert registry.describe(paper.loss["navier_cauchy"])["form"] == form
     assert (paper.optimizer.name, paper.optimizer.lr, paper.optimizer.batch_size) == ("adam", 1e-3, 512)
     assert (paper.optimizer.schedule, paper.trainer.max_epochs) == ("constant", 100_000)
     assert (paper.observation.snapshots, paper.observation.points) == (100, 4439)
+
+
+def test_losses_chosen_in_the_place_of_those_of_an_experiment_are_all_that_train() -> None:
+    typed = ["experiment=paper_random", "loss=[data]"]
+    config = composed(*typed)
+    experiment.drop_unchosen(config, typed)
+    assert list(experiment.Experiment.from_config(config).loss) == ["data"]
+
+
+def test_a_field_of_a_loss_of_the_experiment_that_is_not_chosen_is_refused() -> None:
+    typed = ["experiment=paper_random", "loss=[data,boundary]", "loss.navier_cauchy.weight=2"]
+    with pytest.raises(InputError, match=r"is not chosen: type loss=\[data,boundary,navier_cauchy\] too"):
+        experiment.drop_unchosen(composed(*typed), typed)
+
+
+def test_an_experiment_that_does_not_fit_what_is_chosen_is_named() -> None:
+    with pytest.raises(HydraException) as caught:
+        composed("experiment=paper_random", "model=pod")
+    assert sentence(caught.value).startswith(
+        "experiment=paper_random sets model.depth, which the chosen model does not have: leave out one"
+    )
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (CONF / "experiment").glob("*.yaml")))

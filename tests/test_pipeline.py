@@ -14,11 +14,12 @@ from mlflow import MlflowClient
 from mlflow.entities import Run
 
 import pgdl_lab
-from pgdl_lab.tracking import RUN_ID
+from pgdl_lab.folders import RUN_ID
 from tests.conftest import Lab, environment
 
+WARNING = "The made-up finger is a comb."
 FEM = '''
-import time
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from pgdl_lab.fem import Fem
@@ -32,10 +33,11 @@ class MadeUp(Fem):
     """Snapshots out of a formula; each simulation leaves a line in a file."""
 
     def simulate(self, finger, observation):
+        logging.getLogger(__name__).warning("WARNING")
         with (ROOT / "simulations").open("a") as file:
             file.write("one\\n")
         return snapshots(cell_mm=2.5, count=observation.snapshots)
-'''
+'''.replace("WARNING", WARNING)
 
 SMALL = [
     "fem=made_up", "model=mlp", "model.width=16", "model.depth=2", "observation.snapshots=20", "split.points=500",
@@ -93,6 +95,11 @@ def test_a_multirun_simulates_once_and_nests_its_runs(lab: Lab, tmp_path: Path) 
     assert [run.info.status for run in [parent, *jobs]] == ["FINISHED"] * 5
     assert {job.data.tags["mlflow.parentRunId"] for job in jobs} == {parent.info.run_id}
     assert len({(job.data.tags["split"], job.data.tags["loss"]) for job in jobs}) == 4
+    assert done.stdout.count(WARNING) == 4  # by the run that simulated and by those that found it
+    for job in "0123":
+        metrics = json.loads((sweep / job / "metrics.json").read_text())
+        assert WARNING in metrics["warnings"] and metrics["discretisation_error"] is None
+        assert WARNING in pgdl_lab.load(sweep / job / "surrogate.pt").warnings
 
 
 def test_a_split_that_cannot_be_made_is_refused_before_the_simulation(lab: Lab, tmp_path: Path) -> None:
@@ -101,7 +108,7 @@ def test_a_split_that_cannot_be_made_is_refused_before_the_simulation(lab: Lab, 
     assert "leaves none to test on" in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "simulations").exists()
-    assert tracked(tmp_path, tmp_path / "runs" / "latest").info.status == "FAILED"
+    assert list((tmp_path / "runs").iterdir()) == []
 
 
 def test_a_loss_that_a_model_cannot_use_is_refused_before_the_simulation_or_noted(lab: Lab, tmp_path: Path) -> None:
@@ -121,13 +128,13 @@ def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> Non
     endless = ["trainer.max_epochs=100000", "trainer.checkpoint_every_s=0", "trainer.log_every_s=0"]
     command = [sys.executable, "-m", "pgdl_lab", *SMALL, *endless, "trainer.max_time=4"]
     process = subprocess.Popen(command, env=environment(tmp_path), cwd=tmp_path, stdout=subprocess.DEVNULL)
-    latest = tmp_path / "runs" / "latest"
-    while not (latest / "checkpoints" / "last.ckpt").exists():
+    running = tmp_path / "runs" / "unfinished"
+    while not (running / "checkpoints" / "last.ckpt").exists():
         assert process.poll() is None, "the training ended before it could be killed"
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    folder = latest.resolve()
+    folder = running.resolve()
     assert tracked(tmp_path, folder).info.status == "RUNNING"
     assert not (folder / "surrogate.pt").exists()
     before = torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)["history"]
@@ -135,7 +142,7 @@ def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> Non
 
     done = lab("resume=runs/latest")
     assert done.returncode == 0, done.stderr
-    assert latest.resolve() == folder
+    assert (tmp_path / "runs" / "latest").resolve() == folder and not running.is_symlink()
     assert simulations(tmp_path) == 1
     assert tracked(tmp_path, folder).info.status == "FINISHED"
     history = pgdl_lab.load(folder / "surrogate.pt").record.history

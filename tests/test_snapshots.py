@@ -1,24 +1,35 @@
 """The snapshot file and the cache: kept whole, recognised when not, computed once."""
 
+import json
+import logging
 import multiprocessing
 import os
 import shutil
 import signal
 import sys
+import threading
 import time
+import tracemalloc
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 from pgdl_lab.cache import simulate, snapshot_path
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
 from pgdl_lab.registry import plugin
+from pgdl_lab.resultcheck import doubts
 from pgdl_lab.snapshots import Body, DamagedSnapshots, Observation, Snapshots
+from pgdl_lab.tasks import Job
+from pgdl_lab.tasks import simulate as task
 from tests.fingers import OBSERVATION, balloon, pneunet, solid
 
 
@@ -108,6 +119,78 @@ def test_arrays_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         Snapshots.load(tmp_path / "a.h5")
 
 
+def _put(name: str, **settings: Any) -> Callable[[h5py.File], None]:
+    """Put another array in the place of one."""
+
+    def put(file: h5py.File) -> None:
+        del file[name]
+        file.create_dataset(name, **{"dtype": "f8", **settings})
+
+    return put
+
+
+def _set(name: str, value: Any) -> Callable[[h5py.File], None]:
+    def change(file: h5py.File) -> None:
+        file[name][0, 0] = value
+
+    return change
+
+
+def _linked(file: h5py.File) -> None:
+    del file["points"]
+    file["points"] = h5py.ExternalLink("whole.h5", "/points")
+
+
+def _virtual(file: h5py.File) -> None:
+    del file["points"]
+    layout = h5py.VirtualLayout((5, 2), float)
+    layout[:] = h5py.VirtualSource("whole.h5", "points", (5, 2))
+    file.create_virtual_dataset("points", layout)
+
+
+def _named_often(file: h5py.File) -> None:
+    for number in range(4000):
+        file[str(number)] = file["displacements"]
+
+
+HOSTILE: dict[str, tuple[Callable[[h5py.File], None], str]] = {
+    "shape": (_put("displacements", shape=(3, 10**8, 2), chunks=(1, 1000, 2)), "ask for 4,800,.* explain at most"),
+    "piece": (
+        _put("displacements", shape=(3, 5, 2), maxshape=(None,) * 3, chunks=(1, 10**8, 2)),
+        "up to 'displacements' its arrays ask for 1,600,000",
+    ),
+    "linked": (_linked, "'points' is a link to the file 'whole.h5'"),
+    "outside": (_put("points", shape=(5, 2), external=[("/etc/passwd", 0, 80)]), "its numbers in other files"),
+    "virtual": (_virtual, "'points' keeps its numbers in other files"),
+    "objects": (_put("points", shape=(5, 2), dtype=h5py.vlen_dtype(np.float64)), "'points' holds objects"),
+    "references": (_put("points", shape=(5, 2), dtype=h5py.ref_dtype), "'points' holds objects"),
+    "texts": (_put("points", shape=(5, 2), dtype=h5py.string_dtype()), "'points' is of type object"),
+    "attribute": (lambda file: file.attrs.update(version=np.array(["1"] * 2, dtype=object)), "'version' holds objects"),
+    "packed": (_put("points", data=np.zeros((5, 2)), compression="gzip"), "'points' is packed"),
+    "named often": (_named_often, "its arrays ask for"),
+    "integers": (_put("points", data=np.zeros((5, 2)), dtype="i8"), "'points' is of type int64"),
+    "no provenance": (lambda file: file.attrs.update(provenance="[]"), "do not fit together"),
+    "negative": (_set("triangles", -1), "do not fit together"),
+    "not finite": (_set("points", np.nan), "do not fit together"),
+    "no node": (_set("body/cells", 99), "do not fit together"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_hostile_files_are_refused_before_they_are_read(case: str, tmp_path: Path) -> None:
+    change, words = HOSTILE[case]
+    small().save(tmp_path / "whole.h5")
+    shutil.copy(tmp_path / "whole.h5", tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        change(file)
+    tracemalloc.start()
+    with pytest.raises(DamagedSnapshots, match=rf"a\.h5 .*{words}"):
+        Snapshots.load(tmp_path / "a.h5")
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 5_000_000
+
+
 @pytest.mark.parametrize(("field", "value"), [("snapshots", 0), ("points", 3)])
 def test_observation_refuses_nothing_to_see(field: str, value: int) -> None:
     with pytest.raises(InputError, match=f"observation.{field} is {value}"):
@@ -152,29 +235,68 @@ def test_everything_that_determines_a_simulation_is_in_its_name(tmp_path: Path) 
     assert len(paths) == 6
 
 
-def test_edited_code_does_not_meet_old_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pgdl_lab import mechanics
-
-    before = snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION)
-    edited = tmp_path / "mechanics"
-    shutil.copytree(Path(mechanics.__file__).parent, edited)
-    monkeypatch.setattr(mechanics, "__path__", [str(edited)])
-    assert snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION) == before
-    with (edited / "material.py").open("a") as file:
-        file.write("# edited\n")
-    assert snapshot_path(tmp_path, pneunet(), Counting(), OBSERVATION) != before
-
-
 def test_damaged_cache_is_set_aside_and_computed_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     fem = Counting(notes=str(tmp_path / "notes"))
-    _, path, _ = simulate(pneunet(), fem, OBSERVATION, tmp_path)
+    first, path, _ = simulate(pneunet(), fem, OBSERVATION, tmp_path)
     path.write_bytes(path.read_bytes()[:500])
     snapshots, _, cached = simulate(pneunet(), fem, OBSERVATION, tmp_path)
     assert not cached
-    del snapshots.provenance["warnings"]  # what is said of made-up arrays
-    assert_equal(snapshots, small())
+    assert_equal(snapshots, first)
     assert path.with_suffix(".damaged").stat().st_size == 500
     assert path.name in caplog.text and "run again" in caplog.text
+
+
+ERROR = {"kpa": 3.0, "tip_mm": 0.01, "tip_percent": 0.5, "largest_mm": 0.02}
+
+
+@dataclass(frozen=True)
+class Doubting(Fem):
+    """Warns of its result, or stops."""
+
+    name = "doubting"
+    stops: bool = False
+
+    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+        log = logging.getLogger("pgdl_lab.plugins.fem.doubting")
+        for kpa in (3.0, 3.0):
+            log.warning("The equilibria at %g kPa are unstable.", kpa)
+        log.info("Nothing to worry about.")
+        other = threading.Thread(target=log.warning, args=["Another simulation is unsure."])
+        other.start()
+        other.join()
+        if self.stops:
+            raise SimulationStopped("It burst.", small())
+        return replace(small(), provenance={"discretisation_error": ERROR})
+
+
+TOLD = ["The equilibria at 3 kPa are unstable.", *doubts(small(), pneunet())]
+
+
+def test_what_a_simulation_warned_of_is_told_whenever_it_is_used(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, path, _ = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
+    assert first.warnings == Snapshots.load(path).warnings == TOLD
+    for _ in range(2):
+        caplog.clear()
+        again, _, cached = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
+        assert cached and again.warnings == TOLD
+        assert [record.getMessage() for record in caplog.records if record.levelname == "WARNING"] == TOLD
+
+
+def test_metrics_of_a_simulation_hold_what_it_knows_of_its_error(root: Path) -> None:
+    made: Any = SimpleNamespace(finger=pneunet(), fem=Doubting(), observation=OBSERVATION)
+    task.run(Job(made, OmegaConf.create(), root, None))
+    metrics = json.loads((root / "metrics.json").read_text())
+    assert metrics["warnings"] == TOLD
+    assert metrics["discretisation_error"] == ERROR
+
+
+def test_what_a_stopped_simulation_warned_of_is_kept(tmp_path: Path) -> None:
+    with pytest.raises(SimulationStopped):
+        simulate(pneunet(), Doubting(stops=True), OBSERVATION, tmp_path)
+    (kept,) = tmp_path.glob("*-stopped.h5")
+    assert Snapshots.load(kept).warnings == TOLD
 
 
 def _simulate_in(folder: str, notes: str, seconds: float) -> None:
@@ -248,7 +370,7 @@ def test_a_stopped_simulation_is_computed_once(converged: int, tmp_path: Path) -
             simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
         told.append(str(stop.value))
         pressures.append(stop.value.snapshots.pressures_kpa)
-    assert told[0] == told[1] and told[0].endswith("-stopped.h5; delete it to try again.")
+    assert told[0] == TOLD[1] and told[0].endswith("-stopped.h5; delete it to try again.")
     np.testing.assert_array_equal(*pressures)
     assert len(pressures[0]) == converged
     assert len((tmp_path / "notes").read_text().split()) == 1

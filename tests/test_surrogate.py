@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 
 import pgdl_lab
-from pgdl_lab.deploy import numpy_form
+from pgdl_lab.deploy import archive, numpy_form
 from pgdl_lab.errors import InputError
 from pgdl_lab.registry import discover, plugin
-from pgdl_lab.surrogate import Outside, Surrogate
+from pgdl_lab.surrogate import Outside, Surrogate, TooFar
 from tests.conftest import CHECKOUT
 from tests.trainings import small, training
 
@@ -29,7 +30,7 @@ MODELS = {
     "finite_element": {"degree": 3},
     "pod": {"degree": 3, "rounds": 1, "draws": 8},
     "gaussian_process": {"points": 200, "modes": 16},
-    "hybrid": {"degree": 3, "inputs": 2, "rounds": 1, "folds": 2, "width": 4},
+    "hybrid": {"degree": 3, "rounds": 1, "width": 4},
 }
 
 
@@ -154,14 +155,67 @@ def test_pressures_and_points_outside_are_told_once_with_the_error_bar(linear: S
 def test_pressures_and_points_outside_can_be_refused(surrogate: Surrogate, tmp_path: Path) -> None:
     surrogate.save(tmp_path / "surrogate.pt")
     strict = pgdl_lab.load(tmp_path / "surrogate.pt", outside="raise")
-    with pytest.raises(InputError, match="30000 kPa lies outside the trained 2.5 to 50 kPa: give pressures in kPa"):
-        strict.predict([[114.0, 0.0]], 30000.0)
-    with pytest.raises(InputError, match="-5 kPa lies outside"):
-        strict.at([[114.0, 0.0]])(-5.0)
+    with pytest.raises(InputError, match="60 kPa lies outside the trained 2.5 to 50 kPa: give pressures in kPa"):
+        strict.predict([[114.0, 0.0]], 60.0)
+    with pytest.raises(InputError, match="51 kPa lies outside"):
+        strict.at([[114.0, 0.0]])(51.0)
     with pytest.raises(InputError, match="points lie off the undeformed body, such as x = 0.114, z = 20 mm"):
         strict.predict([[0.114, 20.0]], 10.0)
     with pytest.raises(InputError, match="outside is 'shout'"):
         pgdl_lab.load(tmp_path / "surrogate.pt", outside="shout")
+
+
+@pytest.mark.parametrize("kpa", [30000.0, [10.0, 62.6], -0.1])
+def test_pressures_far_outside_are_refused_whatever_is_said_of_those_near(surrogate: Surrogate, kpa: Any) -> None:
+    refused = r"kPa lies too far outside the trained 2.5 to 50 kPa .*: give pressures in kPa from 0 to 62.5, train on"
+    points = [[114.0, 0.0]]
+    before, surrogate.outside = surrogate.outside, "ignore"
+    try:
+        for ask in (surrogate.predict, surrogate.error_bar):
+            with pytest.raises(TooFar, match=refused):
+                ask(points, kpa)
+        worst = float(np.max(kpa))
+        with pytest.raises(TooFar, match=refused):
+            surrogate.at(points)(worst)
+        answer = surrogate.predict(points, kpa, beyond=True)
+        assert np.isfinite(answer).all()
+        assert np.isfinite(surrogate.at(points, beyond=True)(worst)).all()
+        assert surrogate.error_bar(points, kpa, beyond=True) is not None
+        surrogate.predict(points, [0.0, 62.5])
+    finally:
+        surrogate.outside = before
+
+
+def test_rounding_over_the_edge_is_no_question_outside(linear: Surrogate, tmp_path: Path) -> None:
+    linear.save(tmp_path / "surrogate.pt")
+    strict = pgdl_lab.load(tmp_path / "surrogate.pt", outside="raise")
+    over = float(np.float32(0.1) * np.float32(500.0))  # single precision, as controllers have it
+    for kpa in (over + 2e-5, -1e-5, np.nextafter(50.0, 51.0)):
+        strict.predict([[114.0, 0.0]], kpa)
+        strict.at([[114.0, 0.0]])(kpa)
+
+
+@pytest.mark.parametrize("outside", ["warn", "ignore"])
+def test_once_told_a_question_outside_costs_no_more_than_another(
+    linear: Surrogate, tmp_path: Path, outside: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What costs is to look for the nearest point and for the error bar, for a sentence that nobody is shown."""
+    linear.save(tmp_path / "surrogate.pt")
+    fresh = pgdl_lab.load(tmp_path / "surrogate.pt", outside=outside)
+    asked = fresh.at([[114.0, 0.0]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fresh.predict([[11.0, 16.0]], 60.0)
+
+    def looked(*_: Any) -> Any:
+        raise AssertionError("looked again")
+
+    monkeypatch.setattr(type(fresh), "bars", looked)
+    monkeypatch.setattr(type(fresh.face.mesh), "distance_mm", looked)
+    for _ in range(2):
+        asked(60.0)
+        fresh.predict([[114.0, 0.0]], 60.0)
+        fresh.predict([[11.0, 17.0]], 10.0)
 
 
 def test_threads_share_a_surrogate(surrogate: Surrogate) -> None:
@@ -186,7 +240,9 @@ def test_round_trip_is_exact(surrogate: Surrogate, tmp_path: Path) -> None:
 
 def test_file_says_what_it_holds(surrogate: Surrogate, tmp_path: Path) -> None:
     surrogate.save(tmp_path / "surrogate.pt")
-    content = torch.load(tmp_path / "surrogate.pt", weights_only=True)
+    with safe_open(tmp_path / "surrogate.pt", framework="numpy") as file:
+        content = json.loads(file.metadata()["about"])
+        assert {name.partition("/")[0] for name in file.keys()} == {"state", "face"}  # noqa: SIM118  # it is no mapping
     assert content["format"] == "pgdl_lab surrogate" and content["version"] == 3
     assert content["units"] == {"points": "mm", "pressure": "kPa", "displacement": "mm"}
     assert content["record"]["ranges"]["pressure_kpa"][1] == 50 and len(content["provenance_hash"]) == 64
@@ -196,28 +252,27 @@ def foreign_files(folder: Path, surrogate: Surrogate) -> dict[str, Path]:
     """Files that are no surrogates, by what is wrong with them."""
     names = (
         *("empty", "text", "tensor", "truncated", "version", "model", "state", "pickle", "nan", "shape", "face"),
-        *("malicious", "compressed"),
+        *("malicious", "numbers"),
     )
     paths = {name: folder / name for name in names}
     surrogate.save(paths["truncated"])
-    content = torch.load(paths["truncated"], weights_only=True)
-    state = content["state"]
-    first = next(name for name, tensor in state.items() if tensor.ndim == 2 and tensor.is_floating_point())
-    torch.save({**content, "version": 1}, paths["version"])
-    torch.save({**content, "model": {"name": "oracle"}}, paths["model"])
-    torch.save({**content, "state": {}}, paths["state"])
-    torch.save({**content, "state": {**state, first: state[first] * float("nan")}}, paths["nan"])
-    torch.save({**content, "state": {**state, first: state[first][:, :-1]}}, paths["shape"])
-    torch.save({**content, "face": {**content["face"], "base": torch.tensor([10**9])}}, paths["face"])
+    about = archive.read(paths["truncated"])
+    state, face = about.pop("state"), about.pop("face")
+    first = next(name for name, array in state.items() if array.ndim == 2 and array.dtype.kind == "f")
+    archive.write(paths["version"], {**about, "version": 1}, state=state, face=face)
+    archive.write(paths["model"], {**about, "model": {"name": "oracle"}}, state=state, face=face)
+    archive.write(paths["state"], about, face=face)
+    archive.write(paths["nan"], about, state={**state, first: state[first] * np.nan}, face=face)
+    archive.write(paths["shape"], about, state={**state, first: state[first][:, :-1]}, face=face)
+    archive.write(paths["face"], about, state=state, face={**face, "base": np.array([10**9])})
+    archive.write(paths["numbers"], {}, state=state)
     data = paths["truncated"].read_bytes()
     paths["truncated"].write_bytes(data[: len(data) // 2])
     paths["empty"].touch()
     paths["text"].write_text("surrogate")
     torch.save(torch.zeros(3), paths["tensor"])
     torch.save(Path("code"), paths["pickle"])
-    torch.save({**content, "record": Malicious(folder)}, paths["malicious"])
-    torch.save(content, paths["compressed"])
-    squeeze(paths["compressed"])
+    torch.save({**about, "record": Malicious(folder)}, paths["malicious"])
     return paths
 
 
@@ -231,31 +286,21 @@ class Malicious:
         return os.mkdir, (str(self.folder / "ran"),)
 
 
-def squeeze(path: Path) -> None:
-    """Store the same archive compressed."""
-    import zipfile
-
-    with zipfile.ZipFile(path) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in members.items():
-            archive.writestr(name, data)
-
-
 def test_other_files_are_refused_in_one_sentence(surrogate: Surrogate, tmp_path: Path) -> None:
     expected = {
         "version": "format version 1, but this pgdl_lab reads 3",
-        "model": "no model 'oracle'",
+        "model": "was trained with the model 'oracle', which pgdl_lab does not ship.* Known models: body, .*pod",
         "state": "does not hold the weights",
         "nan": "does not hold the weights",
         "shape": "does not hold the weights",
         "face": "does not hold the weights",
-        "tensor": "is not a surrogate",
+        "numbers": "is not a surrogate",
+        **dict.fromkeys(("tensor", "pickle", "malicious"), "by an earlier pgdl_lab as a pickle.*: train it again"),
     }
     for name, path in foreign_files(tmp_path, surrogate).items():
         with pytest.raises(InputError, match=expected.get(name, "is damaged or not a surrogate")) as caught:
             pgdl_lab.load(path)
-        assert "\n" not in str(caught.value)
+        assert "\n" not in str(caught.value) and str(path) in str(caught.value)
     assert not (tmp_path / "ran").exists()
     with pytest.raises(pickle.UnpicklingError):
         torch.load(tmp_path / "malicious", weights_only=True)
@@ -263,6 +308,8 @@ def test_other_files_are_refused_in_one_sentence(surrogate: Surrogate, tmp_path:
         pgdl_lab.load(tmp_path / "nothing.pt")
     with pytest.raises(InputError, match="Is a directory"):
         pgdl_lab.load(tmp_path)
+    with pytest.raises(InputError, match="/dev/zero cannot be read: it is a device"):
+        pgdl_lab.load("/dev/zero")
 
 
 @pytest.mark.parametrize("suffix", ["pt", "npz"])
@@ -270,7 +317,7 @@ def test_any_changed_byte_is_refused_or_harmless(linear: Surrogate, tmp_path: Pa
     whole = tmp_path / f"whole.{suffix}"
     linear.save(whole) if suffix == "pt" else numpy_form.write(linear, whole)
     data, path = whole.read_bytes(), tmp_path / f"changed.{suffix}"
-    points = small().points[::40]
+    points = small().points
     truth = linear.predict(points, 20.0)
     rng = np.random.default_rng(0)
     for _ in range(150):
@@ -290,12 +337,14 @@ def test_any_changed_byte_is_refused_or_harmless(linear: Surrogate, tmp_path: Pa
             surrogate = pgdl_lab.load(path)
         except InputError as refused:
             assert "\n" not in str(refused)
-        else:  # a byte between the members, or one of the provenance
+        else:  # a byte between the members
             assert np.array_equal(surrogate.predict(points, 20.0), truth)
+            assert all(np.array_equal(array, linear.state()[name]) for name, array in surrogate.state().items())
+            assert surrogate.record.provenance == linear.record.provenance
 
 
 ROBOT = """
-import sys, time
+import sys
 
 class Blocked:
     def find_spec(self, name, path=None, target=None):
@@ -306,7 +355,7 @@ import json, pgdl_lab
 surrogate = pgdl_lab.load(sys.argv[1])
 tip = surrogate.predict([surrogate.tip_mm], [10.0, 20.0])
 answer = surrogate.pressure_for(tip=surrogate.tip_mm + tip[0, 0])
-print(json.dumps([tip.tolist(), answer.kpa, time.process_time()]))
+print(json.dumps([tip.tolist(), answer.kpa]))
 """
 HEAVY = ["mlflow", "hydra", "optuna", "skfem", "lightning", "matplotlib", "meshio", "h5py", "pandas", "sklearn"]
 BEYOND_NUMPY = [*HEAVY, "torch", "scipy", "omegaconf", "rich", "filelock", "yaml"]
@@ -331,13 +380,12 @@ def test_loads_where_little_is_installed(name: str, suffix: str, blocked: list[s
         [sys.executable, "-c", script, str(path)], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    tip, kpa, seconds = json.loads(done.stdout)
+    tip, kpa = json.loads(done.stdout)
     exact = name == "pod"
     assert np.array(tip) == pytest.approx(
         surrogate.predict([surrogate.tip_mm], [10.0, 20.0]), abs=0 if exact else 1e-3, rel=0
     )
     assert kpa == pytest.approx(10.0, abs=1e-9 if exact else 1e-4)
-    assert seconds < 2  # of its processor, from the start of Python to the last answer; torch takes most of it
 
 
 def test_threads_are_warned_once(linear: Surrogate, tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ from mlflow.entities import Run
 
 from pgdl_lab import tracking
 from pgdl_lab.errors import LabError
+from pgdl_lab.folders import RUN_ID
+from pgdl_lab.mlflow_server import EXPERIMENT, connect
 from pgdl_lab.snapshots import Snapshots
 from tests.conftest import environment
 
@@ -31,7 +33,7 @@ def new_folder(parent: Path, name: str = "one") -> Path:
 
 
 def read(root: Path, folder: Path) -> Run:
-    return client(root).get_run((folder / tracking.RUN_ID).read_text())
+    return client(root).get_run((folder / RUN_ID).read_text())
 
 
 def client(root: Path) -> MlflowClient:
@@ -93,7 +95,7 @@ def test_a_resumed_run_goes_on_in_the_same_mlflow_run(root: Path) -> None:
 
 def test_a_resumed_run_whose_database_is_gone_gets_a_new_one(root: Path) -> None:
     folder = new_folder(root / "runs")
-    (folder / tracking.RUN_ID).write_text("0" * 32)
+    (folder / RUN_ID).write_text("0" * 32)
     with tracking.tracked_run(folder, None):
         pass
     assert read(root, folder).info.status == "FINISHED"
@@ -115,7 +117,7 @@ def test_jobs_of_a_multirun_share_one_parent(root: Path) -> None:
 
 def test_a_multirun_without_tracked_jobs_has_no_parent(root: Path) -> None:
     tracking.end_parent(root / "runs", "FINISHED")
-    assert not (root / "runs" / tracking.RUN_ID).exists()
+    assert not (root / "runs" / RUN_ID).exists()
 
 
 def test_another_database_is_used_where_the_environment_names_one(
@@ -128,14 +130,27 @@ def test_another_database_is_used_where_the_environment_names_one(
     folder = new_folder(root / "runs")
     with tracking.tracked_run(folder, None):
         pass
-    run_id = (folder / tracking.RUN_ID).read_text()
+    run_id = (folder / RUN_ID).read_text()
     assert MlflowClient(f"sqlite:///{other}").get_run(run_id).info.status == "FINISHED"
+
+
+def test_a_run_that_is_forgotten_is_no_longer_listed(root: Path) -> None:
+    folder = new_folder(root / "runs")
+    with tracking.tracked_run(folder, None):
+        pass
+    experiment = read(root, folder).info.experiment_id
+    assert len(client(root).search_runs([experiment])) == 1
+    tracking.forget(folder)
+    assert client(root).search_runs([experiment]) == []
+    (root / "mlflow.db").unlink()
+    (root / "mlflow.db").mkdir()
+    tracking.forget(folder)  # which is of no use, but no failure
 
 
 def test_a_damaged_database_is_one_sentence(root: Path) -> None:
     (root / "mlflow.db").write_bytes(b"no database at all" * 100)
     with pytest.raises(LabError, match=r"mlflow\.db cannot be opened .*MLFLOW_TRACKING_URI"):
-        tracking._connect()
+        connect()
 
 
 JOB = """
@@ -167,5 +182,5 @@ def test_processes_that_start_together_share_a_fresh_database(tmp_path: Path) ->
         assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
         assert len(client(tmp_path).get_metric_history(run.info.run_id, "loss")) == 20
     experiments = client(tmp_path).search_experiments()
-    assert sorted(experiment.name for experiment in experiments) == ["Default", tracking.EXPERIMENT]
+    assert sorted(experiment.name for experiment in experiments) == ["Default", EXPERIMENT]
     assert len(client(tmp_path).search_runs([parent.info.experiment_id])) == 1 + len(jobs)

@@ -25,14 +25,16 @@ def job(folder: Path, quick: Any) -> Job:
 def test_quick_benchmarks_pass_and_are_written_down(lab: Lab, tmp_path: Path) -> None:
     done = lab("task=verify", "quick=true")
     assert done.returncode == 0, done.stdout + done.stderr
-    rows = json.loads((tmp_path / "runs" / "latest" / "verify.json").read_text())
+    (file,) = tmp_path.glob("runs/*/verify.json")
+    rows = json.loads(file.read_text())
     assert len({row["benchmark"] for row in rows}) >= 9
     assert all(row["passed"] for row in rows)
+    assert [row["check"] for row in rows if row["reference"] == row["obtained"] == 0] == []  # shows nothing
     orders = [row["check"] for row in rows if row["benchmark"] == "manufactured Yeoh solution"]
     assert {check.split(",")[0] for check in orders} == set(BEST.values())  # the elements that a run takes by itself
     assert sum(row["seconds"] for row in rows) < 120  # some 30 s on two quiet cores
-    with (tmp_path / "runs" / "latest" / "verify.csv").open(newline="") as file:
-        assert [row["check"] for row in csv.DictReader(file)] == [row["check"] for row in rows]
+    with file.with_suffix(".csv").open(newline="") as table:
+        assert [row["check"] for row in csv.DictReader(table)] == [row["check"] for row in rows]
 
 
 def test_failures_are_told_and_do_not_hide_other_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,6 +56,21 @@ def test_failures_are_told_and_do_not_hide_other_rows(tmp_path: Path, monkeypatc
     assert "| good [mm] | 1 | 1.05 | 0.1 | yes | made up |" in page and "| RuntimeError: broken | – |" in page
     with pytest.raises(LabError, match="2 of 3"):
         verify.run(job(tmp_path, quick=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "reference", "tolerance", "sentence"),
+    [
+        ("force [N]", 0.0, 1e-8, "'force .N.' is compared with 0: make it relative"),
+        ("force over weight [–]", 0.0, 1.0, "has the tolerance 1, with which 0 would pass"),
+        ("force [N]", -2.0, 2.0, "has the tolerance 2, with which 0 would pass"),
+    ],
+)
+def test_checks_that_nothing_at_all_would_pass_are_refused(
+    name: str, reference: float, tolerance: float, sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Check(name, reference, 0.0, tolerance, "made up")
 
 
 def test_quick_is_yes_or_no(tmp_path: Path) -> None:

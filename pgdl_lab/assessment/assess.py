@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -21,6 +22,9 @@ from pgdl_lab.learning.data import Training
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.split import Split
 from pgdl_lab.surrogate import Surrogate
+
+_log = logging.getLogger(__name__)
+_tracebacks = logging.getLogger("pgdl_lab.failure")  # goes to run.log only
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ def assess(
     training: Training,
     yardstick: Mapping[str, Any] | None = None,
 ) -> Assessment:
-    """Judge `surrogate` on all of `snapshots` and write `<folder>/metrics.json` and `<folder>/figures/*.png`.
+    """Judge `surrogate` on all of `snapshots` and write `<folder>/metrics.json`, then `<folder>/figures/*.png`.
 
     Parameters
     ----------
@@ -103,12 +107,11 @@ def assess(
         What `yardstick.measure` found, if there is one.
     """
     start = time.perf_counter()
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
-    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
     comparison = Comparison(snapshots, predicted, train, bars, selection)
     highlights = split.highlights(snapshots.pressures_kpa)
     units = {name: loss.unit for name, loss in training.losses.items()}
-    figures = draw(comparison, highlights, surrogate.record.history, units, folder / "figures")
     terms = residuals(training.losses, training.scene, snapshots, predicted, highlights)
     metrics = {
         **asdict(labels),
@@ -117,6 +120,9 @@ def assess(
         "selection_points": len(selection),
         "test_points": int(comparison.unseen.sum()),
         "seconds": {},
+        "warnings": surrogate.warnings,
+        "surrogate_error": comparison.error(),
+        "discretisation_error": snapshots.provenance.get("discretisation_error"),
         "mse_mm2": comparison.mse_mm2(),
         "selection_mm2": comparison.selection_mm2(),
         "error_bar": comparison.error_bar(),
@@ -132,4 +138,10 @@ def assess(
     metrics["seconds"] = {**seconds, "assess": time.perf_counter() - start}
     with replacing(folder / "metrics.json") as temporary:
         temporary.write_text(json.dumps(metrics, indent=1))
+    figures: list[Path] = []
+    try:
+        figures = draw(comparison, highlights, surrogate.record.history, units, folder / "figures")
+    except Exception as error:  # a full disk or a font: no figure is worth the run
+        _log.warning("The figures could not be drawn: %s", error)
+        _tracebacks.info("The figures could not be drawn", exc_info=True)
     return Assessment(metrics, figures, highlights)

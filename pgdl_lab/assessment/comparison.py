@@ -61,6 +61,24 @@ class Comparison:
         x, z = (self.error_mm[self.unseen] ** 2).mean(axis=0)
         return {"x": float(x), "z": float(z)}
 
+    def error(self) -> dict[str, float | None]:
+        """Lengths of the error, over all unseen points, and of the tip at all pressures.
+
+        Returns
+        -------
+        "rms_mm" and "largest_mm" [mm], "tip_mm", the largest at the tip [mm], and "tip_percent", the same of the
+        largest displacement there [%], None where it does not move.
+        """
+        length, tip = np.linalg.norm(self.error_mm, axis=2), self.snapshots.base[-1]
+        unseen, tip_mm = length[self.unseen], float(length[:, tip].max())
+        moved = float(np.linalg.norm(self.snapshots.displacements[:, tip], axis=1).max())
+        return {
+            "rms_mm": float(np.sqrt((unseen**2).mean())),
+            "tip_mm": tip_mm,
+            "tip_percent": 100 * tip_mm / moved if moved else None,
+            "largest_mm": float(unseen.max()),
+        }
+
     def selection_mm2(self) -> dict[str, float] | None:
         """Mean squared error of each component over the points that a search selects by [mm²]; None without any."""
         if not len(self.selection):

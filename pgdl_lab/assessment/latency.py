@@ -37,8 +37,8 @@ def latency_ms(surrogate: Surrogate, points_mm: NDArray[np.float64], tip: int, k
 
     def both() -> dict[str, dict[str, float]]:
         return {
-            "full_field": _percentiles(lambda: surrogate.predict(points_mm, kpa)),
-            "tip": _percentiles(lambda: surrogate.predict(points_mm[tip : tip + 1], kpa)),
+            "full_field": _percentiles(lambda: surrogate.predict(points_mm, kpa, beyond=True)),
+            "tip": _percentiles(lambda: surrogate.predict(points_mm[tip : tip + 1], kpa, beyond=True)),
         }
 
     with threads(1):

@@ -12,7 +12,7 @@ from pgdl_lab.assessment.paper import Published
 
 
 def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Published) -> Group:
-    """Tables of the errors at the highlighted snapshots, beside a yardstick's, and of the highest pressure's extremes.
+    """Tables of both errors, of that at the highlighted snapshots beside a yardstick's, of extremes and of times.
 
     Parameters
     ----------
@@ -24,8 +24,30 @@ def closing_table(metrics: dict[str, Any], highlights: NDArray[np.int64], paper:
         The paper's figures; where it has none there is no column for them.
     """
     beside = [_beside(metrics, highlights)] if metrics["yardstick"] or metrics["error_bar"] else []
-    parts = [_errors(metrics, highlights, paper), *beside, _residuals(metrics), _extremes(metrics, paper)]
+    parts = [
+        _accuracy(metrics),
+        _errors(metrics, highlights, paper),
+        *beside,
+        _residuals(metrics),
+        _extremes(metrics, paper),
+    ]
     return Group(*parts, _times(metrics))
+
+
+def _accuracy(metrics: dict[str, Any]) -> Table:
+    """How far the simulation is from a finer one, and the surrogate from the simulation."""
+    title = "How far off: the surrogate from its simulation, the simulation from one on half the edges"
+    table = Table(title=title)
+    table.add_column("")
+    for heading in ("RMS [mm]", "tip [mm]", "tip [%]", "largest [mm]"):
+        table.add_column(Text(heading), justify="right")
+    kinds = ("rms_mm", "tip_mm", "tip_percent", "largest_mm")
+    ours, mesh = metrics["surrogate_error"], metrics["discretisation_error"]
+    where = f"at {mesh['kpa']:.4g} kPa" if mesh else "not known"
+    rows = {"surrogate, at unseen points": ours, f"simulation, {where}": mesh or {}}
+    for what, error in rows.items():
+        table.add_row(what, *("–" if error.get(kind) is None else f"{error[kind]:.2g}" for kind in kinds))
+    return table
 
 
 def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Published) -> Table:

@@ -41,7 +41,7 @@ def measure(
     )
     surrogate = model.fit(alone)
     seconds = time.perf_counter() - start
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa)
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
     comparison = Comparison(snapshots, predicted, train, selection=selection)
     return {
         "model": describe(model)["name"],

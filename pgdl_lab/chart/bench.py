@@ -5,7 +5,7 @@ import json
 import logging
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -88,23 +88,17 @@ class Bench:
         """Error of the data."""
         return self.reference.errors(self.data.displacements[self.judged])
 
-    def measured(
-        self, label: str, kind: str, key: Any, code: Iterable[Path], measure: Callable[[], Point]
-    ) -> tuple[Point, bool]:
+    def measured(self, label: str, kind: str, key: Any, measure: Callable[[], Point]) -> tuple[Point, bool]:
         """The point of a method from the store, or measured now; and whether it was there. A failure is a point too.
 
         Parameters
         ----------
         key
-            All that determines the result beside the reference (JSON types).
-        code
-            Files whose content counts too.
+            All that determines the result beside the reference, code included (JSON types).
         """
         digest = hashlib.sha256()
         references = [path.name for path in self.reference.paths]
         digest.update(json.dumps([label, kind, key, references], sort_keys=True, default=str).encode())
-        for path in sorted(code):
-            digest.update(path.read_bytes())
         path = self.folder / "chart" / f"{digest.hexdigest()[:20]}.json"
         if path.is_file():
             return Point.restored(json.loads(path.read_text(encoding="utf-8"))), True
@@ -168,6 +162,7 @@ class Bench:
             self.reference.errors(predicted, unseen),
             self.discretisation,
             Errors.of(predicted - self.data.displacements[self.judged], tip, unseen),
+            warnings=self.data.warnings,
         )
 
 

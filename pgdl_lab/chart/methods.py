@@ -1,15 +1,15 @@
 """The methods of a chart: every registered finite-element model and surrogate, and the data themselves as a table."""
 
-import inspect
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab import learning
+from pgdl_lab import sources
 from pgdl_lab.cache import simulate, snapshot_path
 from pgdl_lab.chart.bench import Bench, without_estimate
 from pgdl_lab.chart.point import Point
@@ -72,9 +72,10 @@ def _solved(bench: Bench, fem: Fem, label: str) -> tuple[Point, bool]:
         snapshots, _, _ = simulate(finger, fem, judged, bench.folder / "snapshots")
         query_ms = 1e3 * snapshots.provenance["seconds"]
         errors = bench.reference.errors(snapshots.displacements)
-        return Point(label, FINITE_ELEMENTS, query_ms=query_ms, tip_ms=query_ms, total=errors, discretisation=errors)
+        return Point(label, FINITE_ELEMENTS, query_ms=query_ms, tip_ms=query_ms, total=errors, discretisation=errors,
+                     warnings=snapshots.warnings)  # fmt: skip
 
-    return bench.measured(label, FINITE_ELEMENTS, snapshot_path(Path(), finger, fem, judged).name, (), measure)
+    return bench.measured(label, FINITE_ELEMENTS, snapshot_path(Path(), finger, fem, judged).name, measure)
 
 
 def _references(bench: Bench) -> Iterator[tuple[Point, bool]]:
@@ -82,7 +83,12 @@ def _references(bench: Bench) -> Iterator[tuple[Point, bool]]:
     fine, edge = bench.reference.fine, bench.reference.edges_mm[1]
     query_ms, errors = 1e3 * fine.provenance["seconds"], bench.reference.errors(fine.displacements)
     label = f"{bench.settings.reference['name']}, {edge:g} mm, for the reference"
-    yield Point(label, FINITE_ELEMENTS, 0.0, 0.0, query_ms, query_ms, errors, errors), True
+    yield (
+        Point(
+            label, FINITE_ELEMENTS, 0.0, 0.0, query_ms, query_ms, errors, errors, warnings=bench.reference.fine.warnings
+        ),
+        True,
+    )
 
 
 def _table(bench: Bench) -> tuple[Point, bool]:
@@ -103,7 +109,7 @@ def _table(bench: Bench) -> tuple[Point, bool]:
         seen = np.broadcast_to(given[:, None], data.displacements.shape[:2])
         return bench.judge("table of snapshots", TABLE, 0.0, predict, seen)
 
-    return bench.measured("table of snapshots", TABLE, [bench.data_name, describe(bench.experiment.split)], (), measure)
+    return bench.measured("table of snapshots", TABLE, [bench.data_name, describe(bench.experiment.split)], measure)
 
 
 def _learners(bench: Bench) -> Iterator[tuple[str, Experiment]]:
@@ -127,14 +133,13 @@ def _surrogate(bench: Bench, label: str, how: Experiment) -> tuple[Point, bool]:
     key = [
         bench.data_name, describe(how.model), [describe(loss) for loss in how.loss.values()], trainer,
         vars(how.optimizer), vars(how.balancing), describe(own.split), own.seed,
+        sources.digest(type(part) for part in (how.model, own.split, *how.loss.values())),
     ]  # fmt: skip
-    code = [path for folder in learning.__path__ for path in Path(folder).glob("*.py")]
-    code += [Path(inspect.getfile(type(part))) for part in (how.model, own.split, *how.loss.values())]
 
     def measure() -> Point:
         surrogate, seconds = bench.trained(how)
         seen = np.zeros(bench.data.displacements.shape[:2], dtype=bool)
         seen.flat[bench.train] = True
-        return bench.judge(label, SURROGATE, seconds, surrogate.predict, seen)
+        return bench.judge(label, SURROGATE, seconds, partial(surrogate.predict, beyond=True), seen)
 
-    return bench.measured(label, SURROGATE, key, code, measure)
+    return bench.measured(label, SURROGATE, key, measure)

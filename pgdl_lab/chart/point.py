@@ -1,7 +1,7 @@
 """What a chart shows of one method, the Pareto front and the number of queries at which training has paid."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from math import ceil, inf
 from typing import Any
 
@@ -34,6 +34,8 @@ class Point:
         Distance from its data, at points and pressures that it was not given; None without data.
     failed
         Why there is nothing of all this.
+    warnings
+        What the simulation behind it warned of, in sentences.
     """
 
     label: str
@@ -46,6 +48,7 @@ class Point:
     discretisation: Errors | None = None
     surrogate: Errors | None = None
     failed: str = ""
+    warnings: list[str] = field(default_factory=list)
 
     @classmethod
     def restored(cls, stored: dict[str, Any]) -> "Point":
@@ -67,7 +70,8 @@ class Point:
 
     def row(self) -> dict[str, Any]:
         """Flat record for a table: errors as `total_rms_mm` and so on."""
-        flat = {key: value for key, value in asdict(self).items() if not isinstance(value, dict) and value is not None}
+        flat = {key: value for key, value in asdict(self).items() if isinstance(value, str | float | int)}
+        flat["warnings"] = " ".join(self.warnings)
         for part in ("total", "discretisation", "surrogate"):
             errors = getattr(self, part)
             flat |= {f"{part}_{name}": value for name, value in asdict(errors).items()} if errors else {}

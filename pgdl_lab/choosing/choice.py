@@ -58,6 +58,7 @@ class Choice:
 
     def record(self) -> dict[str, Any]:
         """For choice.json."""
+        result = self.surrogate or self.snapshots
         return {
             "met": self.met,
             "expected_error_mm": {
@@ -71,5 +72,6 @@ class Choice:
             "model": describe(self.model) if self.model else None,
             "split": describe(self.split) if self.split else None,
             "reasons": self.reasons,
+            "warnings": result.warnings if result else [],
             "spent_s": self.spent_s,
         }

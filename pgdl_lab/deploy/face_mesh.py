@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,6 +14,7 @@ Ints = NDArray[np.int64]
 
 ROUNDING = 1e-9  # a weight may be that far below 0 on an inner edge
 OFF_BODY = 1e-3  # points may lie off the body by this share of its diagonal, as rounding puts them there
+UNCOUNTED = 2**63
 CHUNK = 1024  # points off the body that are compared with all edges at once
 
 
@@ -76,6 +78,25 @@ class FaceMesh:
     @cached_property
     def cells(self) -> tuple[Floats, float, Ints]:
         """A grid: lower left corner (2,), edge of a cell [mm], and the triangles (I, K, C) that meet each; −1: none."""
+        origin, cell_mm, shape, triangle, cell = self._met
+        order = np.argsort(cell, kind="stable")
+        filled = np.bincount(cell, minlength=math.prod(shape))
+        number = np.arange(len(cell)) - np.repeat(np.cumsum(filled) - filled, filled)
+        table = np.full((math.prod(shape), filled.max()), -1)
+        table[cell[order], number] = triangle[order]
+        return origin, cell_mm, table.reshape(*shape, -1)
+
+    @property
+    def table_entries(self) -> int:
+        """Entries of the table of `cells`, without making it; 2⁶³ if there are more than can be counted."""
+        _, _, shape, _, cell = self._met
+        if min(shape) < 1 or math.prod(shape) >= UNCOUNTED:
+            return UNCOUNTED
+        return math.prod(shape) * int(np.unique(cell, return_counts=True)[1].max())
+
+    @cached_property
+    def _met(self) -> tuple[Floats, float, tuple[int, int], Ints, Ints]:
+        """Lower left corner (2,), edge [mm] and number of cells of a grid, and all pairs of a triangle and its cell."""
         corners = self.points_mm[self.triangles]
         origin = self.points_mm.min(axis=0)
         cell_mm = float(np.sqrt((np.ptp(corners, axis=1) ** 2).mean()))
@@ -86,14 +107,8 @@ class FaceMesh:
         triangle = np.repeat(np.arange(len(corners)), counts)
         within = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
         row, column = first[triangle].T + np.divmod(within, spans[triangle, 1])
-        shape = last.max(axis=0) + 1
-        cell = row * shape[1] + column
-        order = np.argsort(cell, kind="stable")
-        filled = np.bincount(cell, minlength=shape.prod())
-        number = np.arange(len(cell)) - np.repeat(np.cumsum(filled) - filled, filled)
-        table = np.full((shape.prod(), filled.max()), -1)
-        table[cell[order], number] = triangle[order]
-        return origin, cell_mm, table.reshape(*shape, -1)
+        rows, columns = (int(number) + 1 for number in last.max(axis=0))
+        return origin, cell_mm, (rows, columns), triangle, row * columns + column
 
     @cached_property
     def outline(self) -> Ints:

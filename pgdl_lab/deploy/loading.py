@@ -9,16 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.deploy.archive import read, reason
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.shapes import FLOATS, INDICES, Shapes, require
 from pgdl_lab.errors import InputError
 from pgdl_lab.surrogate import FORMAT, VERSION, Face, Record, Surrogate
 
+TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `FaceMesh.cells` that are allowed; fingers have 10 per triangle
+
 FACE: Shapes = {"points_mm": (FLOATS, "N", 2), "triangles": (INDICES, "T", 3), "base": (INDICES, "B")}
 
 
 def load(path: str | Path, outside: str = "warn") -> Surrogate:
-    """Read a surrogate that `Surrogate.save` or `task=export` wrote; never runs code from the file.
+    """Read a surrogate that `Surrogate.save` or `task=export` wrote: data only, no code runs that a file could choose.
+
+    The file is of a format that holds nothing but numbers and text, and takes memory as it is large: neither what it
+    says of its arrays nor its settings can ask for more. Its model must be one of those that the lab ships, or one that
+    the program has registered before: no plugin of the working directory, of PGDL_LAB_ROOT or of another package is
+    imported because a file names it. `pgdl_lab.registry.discover()` imports those, as the command line does.
 
     A .npz needs NumPy alone, a .pt also what its model needs: torch if it is a network.
 
@@ -32,13 +40,14 @@ def load(path: str | Path, outside: str = "warn") -> Surrogate:
     Raises
     ------
     InputError
-        When there is no such file, it is damaged, or it is no surrogate of a known version and model.
+        When there is no such file, it is damaged, it is no surrogate of a known version and model, or asks for more
+        memory than it explains.
     """
     path = Path(path)
     if outside not in ("warn", "raise", "ignore"):
         raise InputError(f"outside is '{outside}'; it must be warn, raise or ignore.")
-    content = _content(path)
-    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+    content = read(path)
+    if content.get("format") != FORMAT:
         raise InputError(f"{path} is not a surrogate of pgdl_lab; give the surrogate.pt of a run.")
     if content.get("version") != VERSION:
         raise InputError(
@@ -48,35 +57,38 @@ def load(path: str | Path, outside: str = "warn") -> Surrogate:
         surrogate = _restored(path, content)
         if not _works(surrogate):
             raise ValueError("it gives no finite numbers")
-    except InputError:
-        raise
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        raise InputError(f"{path} cannot be restored: {error}") from error
     except Exception as error:  # arrays that do not fit make models trip in many ways
-        raise InputError(f"{path} does not hold the weights that its model needs; train it again.") from error
+        told = f" ({reason(error)})" if isinstance(error, ValueError) else ""
+        raise InputError(f"{path} does not hold the weights that its model needs{told}; train it again.") from error
     surrogate.outside = outside
     return surrogate
 
 
-def _content(path: Path) -> Any:
-    if path.suffix == ".npz":
-        from pgdl_lab.deploy.numpy_form import read
-
-        return read(path)
-    from pgdl_lab.deploy.archive import read_archive
-
-    return read_archive(path, "surrogate")
-
-
 def _restored(path: Path, content: Mapping[str, Any]) -> Surrogate:
-    face = content["face"] and _face(content["face"])
-    if path.suffix == ".npz":
+    face = _face(content["face"]) if content["face"] else None
+    if "kind" in content:
         from pgdl_lab.deploy import numpy_form
 
         return numpy_form.restored(content, face)
     from omegaconf import OmegaConf
 
-    from pgdl_lab.registry import discover, restored
+    from pgdl_lab.paths import OWN_PLUGINS
+    from pgdl_lab.registry import discover_shipped, names, require_values, restored
 
-    discover("model")
+    require_values(content["model"], path)
+    name = content["model"]["name"]
+    if name not in names("model"):
+        discover_shipped("model")
+    if name not in names("model"):
+        raise InputError(
+            f"{path} was trained with the model '{name}', which pgdl_lab does not ship, and no file alone can make a "
+            "plugin run: if you trust it, call pgdl_lab.registry.discover() before, which imports those in "
+            f"{OWN_PLUGINS} and of installed packages. Known models: {', '.join(names('model'))}."
+        )
     model: Any = OmegaConf.to_object(restored("model", content["model"]))
     surrogate: Surrogate = model.restore(content["state"], Record(**content["record"], face=face))
     return surrogate
@@ -97,6 +109,9 @@ def _mesh(arrays: Mapping[str, NDArray[Any]]) -> FaceMesh:
     if not np.isfinite(points).all() or not 0 <= triangles.min() <= triangles.max() < len(points):
         raise ValueError("a point is missing")
     mesh = FaceMesh(points, triangles)
+    entries, most = mesh.table_entries, max(TABLE, TABLE_PER_TRIANGLE * len(triangles))
+    if entries > most:
+        raise ValueError(f"to look a point up in its mesh would take {entries:,} entries, and {most:,} are allowed")
     if not len(mesh.outline) or not np.isfinite(mesh.affine[1]).all():
         raise ValueError("the triangles are no body")
     return mesh

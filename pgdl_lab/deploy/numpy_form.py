@@ -6,8 +6,6 @@ its matrix products and exponentials agree.
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.deploy import archive
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.errors import InputError
-from pgdl_lab.files import replacing
 from pgdl_lab.learning.last_layer import STATE, LastLayer
 from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
 from pgdl_lab.learning.process_surrogate import ProcessSurrogate
@@ -144,37 +142,10 @@ def write(surrogate: Surrogate, path: Path) -> None:
         "format": FORMAT, "version": VERSION, "kind": kind, "units": UNITS, "model": surrogate.model,
         "ranges": record.ranges, "provenance": record.provenance,
     }  # fmt: skip
-    content: dict[str, Any] = {f"state/{name}": array for name, array in arrays.items()}
-    content |= {"face/points_mm": face.mesh.points_mm, "face/triangles": face.mesh.triangles, "face/base": face.base}
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, about=np.array(json.dumps(about)), **content)
+    archive.write(path, about, state=arrays, face=face.arrays())
 
 
-def read(path: Path) -> dict[str, Any]:
-    """The content of a plain form: what `write` noted, "state" and "face".
-
-    Raises
-    ------
-    InputError
-        When there is no such file, or it is damaged or foreign.
-    """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"The surrogate {path} cannot be read: {error.strerror}.") from error
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            about: dict[str, Any] = json.loads(str(file["about"]))
-            groups: dict[str, dict[str, NDArray[Any]]] = {"state": {}, "face": {}}
-            for name in set(file.files) - {"about"}:
-                group, _, member = name.partition("/")
-                groups[group][member] = file[name]
-        return {**about, **groups}
-    except Exception as error:  # foreign bytes make zipfile and NumPy trip in many ways
-        raise InputError(f"{path} is damaged or no plain surrogate of pgdl_lab; export it again.") from error
-
-
-def restored(content: Mapping[str, Any], face: Face) -> Surrogate:
-    """The surrogate of what `read` gave."""
+def restored(content: Mapping[str, Any], face: Face | None) -> Surrogate:
+    """The surrogate of what `archive.read` gave."""
     record = Record(content["ranges"], content["provenance"], face=face)
     return KINDS[content["kind"]](content["model"], record, content["state"])

@@ -19,7 +19,7 @@ from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.modal import ModalField
 from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate import ROUNDING, Surrogate
 
 ON_BODY = -1e-6  # least weight of a point on the body; off it the graph answers with NaN
 ARGUMENTS = ("points_mm", "pressure_kpa")
@@ -36,6 +36,26 @@ class Graph(nn.Module):
 
     def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
         raise NotImplementedError
+
+
+class Allowed(Graph):
+    """A graph that answers with NaN to pressures outside `Surrogate.allowed_kpa`, as there is no one to refuse them.
+
+    Parameters
+    ----------
+    inner
+        The graph.
+    low_kpa, high_kpa
+        Least and greatest pressure that is answered [kPa].
+    """
+
+    def __init__(self, inner: Graph, low_kpa: float, high_kpa: float) -> None:
+        super().__init__()
+        self.inner, self.low_kpa, self.high_kpa = inner, low_kpa, high_kpa
+
+    def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
+        allowed = (pressure_kpa >= self.low_kpa) & (pressure_kpa <= self.high_kpa)
+        return torch.where(allowed[:, None, None], self.inner(points_mm, pressure_kpa), torch.nan)
 
 
 class Interpolation(nn.Module):
@@ -141,13 +161,19 @@ def graph_of(surrogate: Surrogate) -> Graph:
     InputError
         When its model has none.
     """
+    (low, high), inner = surrogate.allowed_kpa(), _any_pressure(surrogate)
+    off = ROUNDING * abs(high)
+    return Allowed(inner, low - off, high + off).eval()
+
+
+def _any_pressure(surrogate: Surrogate) -> Graph:
     if isinstance(surrogate, NodalSurrogate):
-        return NodalGraph(surrogate).eval()
+        return NodalGraph(surrogate)
     field = surrogate.field if isinstance(surrogate, NeuralSurrogate) else None
     if isinstance(field, PlaneField):
-        return PlaneGraph(field).eval()
+        return PlaneGraph(field)
     if isinstance(field, ModalField):
-        return ModalGraph(field).eval()
+        return ModalGraph(field)
     raise InputError(f"Model {surrogate.model['name']} cannot be exported as a graph: use its surrogate.pt.")
 
 

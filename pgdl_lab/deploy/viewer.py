@@ -65,9 +65,9 @@ def polynomial(surrogate: Surrogate, high_kpa: float) -> tuple[Floats, float]:
 
 def _content(surrogate: Surrogate, snapshots: Snapshots, title: str) -> dict[str, Any]:
     mesh, base = surrogate.face.mesh, surrogate.face.base
-    high_kpa = float(snapshots.pressures_kpa[-1])
+    answered = snapshots.pressures_kpa[snapshots.pressures_kpa <= surrogate.allowed_kpa()[1]]
+    high_kpa, count = float(answered[-1]), len(answered)
     coefficients, error_mm = polynomial(surrogate, high_kpa)
-    count = len(snapshots.pressures_kpa)
     chosen = np.unique(np.linspace(0, count - 1, min(SHOWN, count)).round().astype(int))
     simulated = snapshots.displacements[chosen]
     errors_mm = np.linalg.norm(surrogate.probe(snapshots.points).values(snapshots.pressures_kpa[chosen]) - simulated,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,12 @@ import lightning.pytorch as pl
 from lightning.pytorch import callbacks
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
+from pgdl_lab.errors import LabError
 from pgdl_lab.files import replacing
+from pgdl_lab.heard import ASIDE
 from pgdl_lab.learning.module import TrainingModule
+
+_log = logging.getLogger(__name__)
 
 
 class Checkpoint(callbacks.Checkpoint):
@@ -47,8 +52,11 @@ class Checkpoint(callbacks.Checkpoint):
 
     def _write(self, trainer: pl.Trainer, last: bool) -> None:
         if last or time.monotonic() - self._written_s >= self.every_s:
-            with replacing(self.path) as temporary:
-                trainer.save_checkpoint(temporary)
+            try:
+                with replacing(self.path) as temporary:
+                    trainer.save_checkpoint(temporary)
+            except (LabError, OSError) as error:  # without it the training can still come to its end
+                _log.warning("The checkpoint could not be written: %s", error, extra=ASIDE)
             self._written_s = time.monotonic()
 
 

@@ -12,6 +12,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.heard import WARNINGS, heard
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.model import Model
 from pgdl_lab.surrogate import Outside, Surrogate
@@ -24,14 +25,21 @@ LOOKED_AT = 2000  # training points at most; finding out costs little beside the
 
 
 def trained(model: Model, training: Training) -> Surrogate:
-    """Fit `model` and warn of what speaks against the result.
+    """Fit `model` and warn of what speaks against the result, which keeps it beside the warnings of its data.
 
     Raises
     ------
     InputError, TrainingDiverged
         See `Model.fit`.
     """
-    surrogate = model.fit(training)
+    with heard() as sentences:
+        surrogate = model.fit(training)
+        _doubt(surrogate, training)
+    surrogate.record.provenance[WARNINGS] = [*surrogate.warnings, *sentences]
+    return surrogate
+
+
+def _doubt(surrogate: Surrogate, training: Training) -> None:
     samples, some = training.samples, np.random.default_rng(0).permutation(len(training.samples.pressures_kpa))
     _warn_of_holes(training)
     error = _relative_error(surrogate, samples, some[:LOOKED_AT])
@@ -43,7 +51,6 @@ def trained(model: Model, training: Training) -> Surrogate:
         )
     else:
         _warn_of_noise(surrogate, samples, some[:LOOKED_AT])
-    return surrogate
 
 
 def _warn_of_noise(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> None:

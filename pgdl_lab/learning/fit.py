@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +70,8 @@ def trained_field(model: TrainedModel, training: Training) -> Field:
 def _prepared(model: TrainedModel, training: Training) -> TrainingModule:
     """What is trained, as it begins or as its checkpoint left it."""
     model.left_out(training.losses)
+    if not training.optimizer.stages:
+        training = replace(training, optimizer=replace(training.optimizer, name=model.optimizer))
     path, identity = _path(training), _identity(model, training)
     checkpoint = _checkpoint(path, identity)
     clock = Clock(training.trainer.max_seconds, spent_s=checkpoint["elapsed_s"] if checkpoint else 0.0)

@@ -80,7 +80,7 @@ class LastLayer:
             are not known.
         """
         products = _products(features)
-        root, _, _ = _regression(products[~held], targets_mm[~held])
+        root, _, _ = ridge_regression(products[~held], targets_mm[~held])
         leverage = ((products @ root) ** 2).sum(axis=1)
         alone = errors_mm if held.any() else errors_mm / (1 - leverage)[:, None]
         judged = np.flatnonzero(held) if held.any() else np.arange(len(held))
@@ -95,7 +95,7 @@ class LastLayer:
         below = ~top & ~held
         more = 0.0
         if below.sum() > products.shape[1] and top.any():
-            root_below, weights, _ = _regression(products[below], targets_mm[below])
+            root_below, weights, _ = ridge_regression(products[below], targets_mm[below])
             leverage_below = ((products @ root_below) ** 2).sum(axis=1)
             missed = products @ weights - targets_mm
             known = _quantile(missed[below] / (1 - leverage_below[below])[:, None], leverage_below[below])
@@ -142,12 +142,12 @@ def _quantile(errors_mm: Floats, leverage: Floats) -> float:
 
 def ridge(features: Features, targets_mm: Floats) -> float:
     """The likeliest ρ for features of place and pressure, (n, H) and (n, K), and what they shall give (n, 2)."""
-    return _regression(_products(features), targets_mm)[2]
+    return ridge_regression(_products(features), targets_mm)[2]
 
 
 def scores(errors_mm: Floats, features: Features, trained: Features, rho: float) -> Floats:
     """|error| (m, 2) [mm] at samples with `features`, by the root of its variance where those `trained` are known."""
-    root, _, _ = _regression(_products(trained), np.zeros((len(trained[0]), 2)), rho)
+    root, _, _ = ridge_regression(_products(trained), np.zeros((len(trained[0]), 2)), rho)
     variance = 1 + ((_products(features) @ root) ** 2).sum(axis=1)
     result: Floats = np.abs(errors_mm) / np.sqrt(variance)[:, None]
     return result
@@ -158,7 +158,7 @@ def _products(features: Features) -> Floats:
     return np.einsum("nh,nk->nkh", *features).reshape(len(features[0]), -1)
 
 
-def _regression(features: Floats, targets: Floats, rho: float | None = None) -> tuple[Floats, Floats, float]:
+def ridge_regression(features: Floats, targets: Floats, rho: float | None = None) -> tuple[Floats, Floats, float]:
     """A root (F, F) of (Φᵀ Φ + ρ I)⁻¹, weights (F, 2) of ridge regression on Φ (n, F), and ρ (None: the likeliest)."""
     values, vectors = np.linalg.eigh(features.T @ features)
     values = np.maximum(values, np.finfo(float).eps * values[-1])

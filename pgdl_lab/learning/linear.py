@@ -123,13 +123,16 @@ def tell_left_out(name: str, terms: Mapping[str, str]) -> None:
 
 
 def regression_of(
-    training: Training, degree: int, samples: Samples | None = None
+    training: Training,
+    degree: int,
+    samples: Samples,
+    rough: NDArray[np.float64] | None = None,
+    spent_s: float = 0.0,
 ) -> tuple[SeparableRegression, dict[str, Tensor]]:
-    """The regression of `degree` in the pressure, and what the state of a `NodalSurrogate` holds of the body.
+    """The regression of `degree` in the pressure on `samples`, and what a `NodalSurrogate` holds of the body.
 
-    It is fitted to `samples`, by default those of the training that are not set aside.
-
-    Its clock begins here: all fits together take the time budget of the training at most, but for the first two.
+    A field `rough` (N, …) tells where kinks are to be expected, see `SeparableRegression`. Its clock begins here, with
+    what is `spent_s` already: all fits together take the time budget of the training at most, but for the first two.
     """
     import numpy as np
     import torch
@@ -138,11 +141,11 @@ def regression_of(
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.learning.triangulation import Triangulation
 
-    scene, samples = training.scene, samples or training.samples
+    scene = training.scene
     range_kpa = np.array([0.0, samples.pressures_kpa.max()])
     body = Triangulation(scene.points_mm, scene.triangles)
-    clock = Clock(training.trainer.max_seconds)
-    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree, clock), {
+    clock = Clock(training.trainer.max_seconds, spent_s)
+    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree, rough, clock), {
         "points_mm": torch.from_numpy(scene.points_mm),
         "triangles": torch.from_numpy(scene.triangles),
         "range_kpa": torch.from_numpy(range_kpa),

@@ -37,13 +37,17 @@ class TrainingDiverged(LabError):
 
 
 def surely_less(errors: Tensor, others: Tensor) -> bool:
-    """Whether `errors` (m,) are less than `others` (m,) on average by more than chance would have it.
+    """Whether squared `errors` (m,) are less than `others` (m,) on average, and at most points by more than chance.
 
-    The best of many states looks better than it is where it was chosen; three standard errors of the mean difference
-    are more than that.
+    The best of many states looks better than it is where it was chosen. The logarithm of the ratio of both is compared
+    with its standard error, of which three are more than that: errors differ so much from point to point that their
+    mean over a few tells nothing sure, even where each is a hundred times less.
     """
-    gain = others - errors
-    return bool(gain.mean() > 3 * gain.std(correction=0) / math.sqrt(len(gain)))
+    if len(errors) < 2 or not errors.mean() < others.mean():
+        return False
+    tiny = torch.finfo(others.dtype).tiny
+    gain = others.clamp_min(tiny).log() - errors.clamp_min(tiny).log()
+    return bool(gain.mean() > 3 * gain.std() / math.sqrt(len(gain)))
 
 
 class TrainingModule(pl.LightningModule):

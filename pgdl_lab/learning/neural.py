@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.model import Model
@@ -42,6 +42,8 @@ class TrainedModel(Model):
         Epochs without a better state on the points set aside, or without one that surely gains on the start, after
         which training ends; null: at its budget's end.
     """
+
+    optimizer: ClassVar[str] = "adam"  # where optimizer.name is null
 
     depth: int = 4
     width: int = 128
@@ -105,6 +107,9 @@ class NeuralModel(TrainedModel):
         from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 
         tensors = {name: torch.from_numpy(array) for name, array in state.items() if not name.startswith(STATE)}
-        field = self.stored_field(tensors)
-        field.load_state_dict(tensors)
+        if self.depth > len(tensors):
+            raise ValueError(f"model.depth is {self.depth}, and there are {len(tensors)} arrays")
+        with torch.device("meta"):  # however large a network the settings ask for, it takes no memory
+            field = self.stored_field(tensors)
+        field.load_state_dict(tensors, assign=True)
         return NeuralSurrogate(describe(self), record, field, LastLayer.restored(state))

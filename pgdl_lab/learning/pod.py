@@ -3,20 +3,52 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from pgdl_lab.learning.calibration import NORMAL, Floats, Held, bar_deviations, fits
-from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
+from pgdl_lab.learning.linear import regression_of
+from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev, evaluated
+from pgdl_lab.surrogate import BEYOND
+
+if TYPE_CHECKING:
+    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.guided import GuidedField
 
 _log = logging.getLogger(__name__)
 
 LEARNING_DRAWS = 16  # random draws for what is averaged over the whole body
-BEYOND = 1.15  # times the highest trained pressure: as far as a surrogate may be asked to go on
+DRAWS = 48  # random draws that error bars are found from
 LEFT_OUT = 0.1  # a tenth of the error adds half a per cent to it
+
+
+def closed_form(
+    training: Training, degree: int, rounds: int, under: GuidedField | None = None, spent_s: float = 0.0
+) -> dict[str, Tensor]:
+    """The state of a `NodalSurrogate` that is fitted to all training points, not `compressed` yet.
+
+    With `under` it is fitted to what that leaves of them, in the time that is left after `spent_s`.
+    """
+    rng = np.random.default_rng(training.seed)
+    samples, refitted, rough = training.whole, None, None
+    if under is not None:
+        rough, below = under.guide.numpy(), under.nodal()
+        left_mm = samples.displacements_mm - evaluated(below, under.body, samples, float(under.range_kpa[1]))
+        refitted = lambda held: left_mm + under.shifts_mm(training.whole, ~held)  # noqa: E731
+        samples = replace(samples, displacements_mm=left_mm)
+    regression, body = regression_of(training, degree, samples, rough, spent_s)
+    with closing(regression):
+        state = {**body, **decompose(regression, learnt_prior(regression, rounds, rng), DRAWS, rng, refitted)}
+    if under is not None:  # both in Chebyshev polynomials themselves
+        above = torch.einsum("dk,nkc->ndc", state["amplitudes"], state["modes"])
+        state |= {"modes": above + torch.from_numpy(below), "amplitudes": torch.eye(degree + 1).double()}
+    return state
 
 
 def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:
@@ -30,7 +62,11 @@ def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Ge
 
 
 def decompose(
-    regression: SeparableRegression, prior: Prior, draws: int, rng: np.random.Generator
+    regression: SeparableRegression,
+    prior: Prior,
+    draws: int,
+    rng: np.random.Generator,
+    refitted: Callable[[Held], Floats] | None = None,
 ) -> Mapping[str, Tensor]:
     """What the state of a `NodalSurrogate` holds beside the body, with a mode for each polynomial.
 
@@ -46,15 +82,21 @@ def decompose(
         Random draws that the error bars are found from, at least as many as polynomials.
     rng
         Where they are drawn from.
+    refitted
+        Where the data are what another fit leaves of the displacement: what that would leave (n, 2) [mm] if it had not
+        seen the samples held out (n,). Error bars hold what it errs by too.
     """
     calibrations = fits(len(regression.polynomials))
     few = len(prior.covariance)  # as many as polynomials
     posterior = regression.posterior(prior, draws if regression.allows(1 + calibrations) else few, rng)
 
     def ratios(held: Held, judged: Held) -> Floats:
-        mean, deviation = regression.at_samples(regression.posterior(prior, LEARNING_DRAWS, rng, kept=~held))
+        targets_mm = refitted(held) if refitted else regression.samples.displacements_mm
+        mean, deviation = regression.at_samples(
+            regression.posterior(prior, LEARNING_DRAWS, rng, kept=~held, targets_mm=targets_mm)
+        )
         expected_mm = np.sqrt((deviation[judged] ** 2).mean(axis=1) + prior.noise_mm**2)
-        return np.abs(mean - regression.samples.displacements_mm)[judged] / expected_mm[:, None]
+        return np.abs(mean - targets_mm)[judged] / expected_mm[:, None]
 
     if not regression.allows(calibrations):
         _log.warning("trainer.max_time left no time to calibrate error bars, so there are none: give it more.")

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.probe import Probe
+from pgdl_lab.deploy.shapes import FLOATS, INDICES
 from pgdl_lab.surrogate import Record, Surrogate
 
 Floats = NDArray[np.float64]
+
+MOST_POINTS = 5000  # to learn from: the covariance of so many takes 0.2 GB
 
 
 class ProcessSurrogate(Surrogate):
@@ -31,8 +34,24 @@ class ProcessSurrogate(Surrogate):
         pressures and the number of standard deviations that make a bar there.
     """
 
+    shapes = {
+        "points_mm": (FLOATS, "N", 2),
+        "triangles": (INDICES, "T", 3),
+        "places": (FLOATS, "N", "M"),
+        "unit_kpa": (FLOATS,),
+        "inputs": (FLOATS, "n", "I"),
+        "weights_mm": (FLOATS, "n", 2),
+        "mean_mm": (FLOATS, 2),
+        "size_mm": (FLOATS,),
+        "noise": (FLOATS,),
+        "bar_kpa": (FLOATS, "B"),
+        "bar_deviations": (FLOATS, "B"),
+    }
+
     def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
         super().__init__(model, record)
+        if len(state["inputs"]) > MOST_POINTS:
+            raise ValueError(f"it learnt from {len(state['inputs']):,} points, and {MOST_POINTS:,} are allowed")
         self._state = dict(state)
         self._body = FaceMesh(state["points_mm"], state["triangles"])
 

@@ -23,6 +23,8 @@ NOISE_FLOOR = (
     1e-6  # least standard deviation of the noise, by the root mean square of the data: keeps digits for solves
 )
 
+ROUGH = 4.0  # standard deviation of a kink where a rough field has one of mean size, by that where it has none
+
 FIRST_DECAY = 0.2  # of the kinks from one order in the pressure to the next, before anything is known of them
 FIRST_NOISE = 3e-6  # standard deviation of the noise by the root mean square of the data, likewise
 
@@ -79,6 +81,13 @@ def chebyshev(pressures_kpa: Floats, range_kpa: Floats, degree: int) -> Floats:
     return chebvander((2 * pressures_kpa - low - high) / (high - low), degree)
 
 
+def evaluated(nodal: Floats, body: Triangulation, samples: Samples, highest_kpa: float) -> Floats:
+    """Displacements (n, 2) [mm] at the samples of Chebyshev coefficients (N, D, 2) at the nodes, from 0 kPa on [mm]."""
+    corners, weights = body.locate(samples.points_mm)
+    polynomials = chebyshev(samples.pressures_kpa, np.array([0.0, highest_kpa]), nodal.shape[1] - 1)
+    return np.einsum("nc,nd,ncdi->ni", weights, polynomials, nodal[corners], optimize=True)
+
+
 class SeparableRegression:
     """Coefficients of hat functions on the body times Chebyshev polynomials in the pressure, from scattered data.
 
@@ -101,6 +110,9 @@ class SeparableRegression:
         (2,), pressures that are mapped to −1 … 1 [kPa].
     degree
         Degree in the pressure.
+    rough
+        (N, …), a field at the nodes whose kinks tell where to expect more: a priori each is as much larger as those of
+        that are at its edge; None: nothing is known of this.
     clock
         The time that all fits together may take.
     """
@@ -112,6 +124,7 @@ class SeparableRegression:
         samples: Samples,
         range_kpa: Floats,
         degree: int,
+        rough: Floats | None = None,
         clock: Clock | None = None,
     ) -> None:
         self._clock = clock or Clock(np.inf)
@@ -122,6 +135,9 @@ class SeparableRegression:
         self.nodes = len(body.points_mm)
         self.free = np.setdiff1d(np.arange(self.nodes), clamp)
         self.kinks = body.kinks[:, self.free]
+        if rough is not None:
+            there = np.linalg.norm(body.kinks @ rough.reshape(self.nodes, -1), axis=1)
+            self.kinks = sp.diags(1 / np.hypot(1, ROUGH * there / np.sqrt((there**2).mean()))) @ self.kinks
         corners, weights = body.locate(samples.points_mm)
         row = np.repeat(np.arange(len(corners)), 3)
         hats = sp.csr_matrix((weights.ravel(), (row, corners.ravel())), shape=(len(corners), self.nodes))[:, self.free]
@@ -150,9 +166,16 @@ class SeparableRegression:
         return Prior.falling(size_mm / self.length_mm, FIRST_DECAY, self.degree, FIRST_NOISE * size_mm)
 
     def posterior(
-        self, prior: Prior, draws: int, rng: np.random.Generator, kept: NDArray[np.bool_] | None = None
+        self,
+        prior: Prior,
+        draws: int,
+        rng: np.random.Generator,
+        kept: NDArray[np.bool_] | None = None,
+        targets_mm: Floats | None = None,
     ) -> Posterior:
         """Mean and random draws of the field given the samples, or those that are `kept` (n,).
+
+        Where they are given, `targets_mm` (n, 2) stand in for the displacements of the samples.
 
         A draw of the deviation is the fit to noise of its own (G. Papandreou & A. Yuille, Gaussian sampling by local
         perturbations, 2010).
@@ -165,7 +188,8 @@ class SeparableRegression:
         kinks = sp.kron(self.kinks, sp.identity(order), format="csr")
         normal = design.T @ design + kinks.T @ kinks + RIDGE * sp.identity(design.shape[1])
         noise = rng.standard_normal((design.shape[0], draws)), rng.standard_normal((kinks.shape[0], draws))
-        data = design.T @ (self.samples.displacements_mm / prior.noise_mm)
+        targets_mm = self.samples.displacements_mm if targets_mm is None else targets_mm
+        data = design.T @ (targets_mm / prior.noise_mm)
         self._solver.factorise(sp.triu(normal, format="csr"))
         solution = self._solver.solve(np.concatenate([data, design.T @ noise[0] + kinks.T @ noise[1]], axis=1))
         everywhere = np.zeros((self.nodes, order, 2 + draws))

@@ -104,6 +104,7 @@ class OptimizerSettings:
         "adam", "adamw", "nadam", "muon" (matrices by Muon, the rest by AdamW), "lbfgs" or "levenberg_marquardt"; or
         several of them as a list, such as [adam, lbfgs], which share the budget equally, one after the other. The last
         two take all training points at once, one iteration per epoch, in float64; they may end before their share does.
+        null: the one that suits the model, "lbfgs" for hybrid and "adam" for all others.
     lr
         Learning rate at the start; has no effect on methods that take all points at once.
     batch_size
@@ -114,14 +115,14 @@ class OptimizerSettings:
         Weight decay of the optimiser, likewise.
     """
 
-    name: Any = "adam"
+    name: Any = None
     lr: float = 4e-3
     batch_size: int = 512
     schedule: str = "cosine"
     weight_decay: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in self.stages or [""]:
+        for name in self.stages if self.name is None or self.stages else [""]:
             if name not in OPTIMIZERS:
                 raise InputError(
                     f"optimizer.name is '{name}'; choose one of {', '.join(OPTIMIZERS)}, or a list of them."
@@ -137,5 +138,5 @@ class OptimizerSettings:
 
     @property
     def stages(self) -> list[str]:
-        """The optimisers in their order."""
-        return [self.name] if isinstance(self.name, str) else list(self.name)
+        """The optimisers in their order; none where the model's own is to be taken."""
+        return [self.name] if isinstance(self.name, str) else list(self.name or [])

@@ -3,7 +3,6 @@
 import os
 import re
 import resource
-import shutil
 import subprocess
 import tempfile
 import time
@@ -15,15 +14,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.errors import LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.calculix_deck import deck, weighs
+from pgdl_lab.mechanics.calculix_program import program
 from pgdl_lab.mechanics.finite_strain import Model, progress
 from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]
 
-PROGRAM = "ccx"
 GLANCE_S = 0.2  # between two looks at the progress
 
 
@@ -69,30 +68,6 @@ class Course:
     threads: str
 
 
-def program() -> str:
-    """Path of the program.
-
-    Raises
-    ------
-    InputError
-        When it is not installed.
-    """
-    path = shutil.which(PROGRAM)
-    if path is None:
-        raise InputError(
-            f"fem=calculix needs the program '{PROGRAM}', which is not on the PATH: install CalculiX (on Debian and "
-            "Ubuntu: sudo apt-get install calculix-ccx) or choose fem=solid."
-        )
-    return path
-
-
-def version() -> str:
-    """Version that the program tells of itself."""
-    told = subprocess.run([program(), "-v"], capture_output=True, text=True, check=False).stdout
-    found = re.search(r"Version (\S+)", told)
-    return found[1] if found else "unknown"
-
-
 def run(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float, timeout_s: float) -> Course:
     """Simulate `finger` in a temporary folder, observed at `pressures_kpa` (P,), the last of which is the highest.
 
@@ -102,7 +77,7 @@ def run(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float, ti
         When not even the weight alone led to an equilibrium.
     """
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads())}
-    weighed = weighs(finger)
+    weighed, law = weighs(finger), finger.material.calculix()
     before = _cpu_seconds()
     with tempfile.TemporaryDirectory(prefix="pgdl_lab_calculix_") as folder:
         job = Path(folder) / "finger"
@@ -123,7 +98,8 @@ def run(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float, ti
     if not weighed:
         states.insert(0, np.zeros_like(model.discretisation.positions))
     if not states:
-        raise LabError(f"CalculiX found no equilibrium under the weight alone: {trouble}.")
+        why = " Of a law in principal stretches it has few digits at such strains." if law.principal else ""
+        raise LabError(f"CalculiX found no equilibrium under the weight alone: {trouble}.{why} Choose fem=solid.")
     converged = [increment for increment in increments if increment.converged]
     return Course(
         pressures_kpa=np.array([0.0, *pressures_kpa])[: len(states)],

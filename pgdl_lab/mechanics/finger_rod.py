@@ -16,6 +16,7 @@ from pgdl_lab.mechanics.segments import cuts, segments
 Array = NDArray[np.float64]
 
 SHEAR_CORRECTION = 5 / 6  # of a rectangular section
+FEWEST_SEGMENTS = 6  # with so many the tip is within 5 % while loads are small (benchmarks/short_fingers.py)
 
 
 class FingerRod(ReducedModel):
@@ -93,6 +94,15 @@ class FingerRod(ReducedModel):
             return np.column_stack([u, w - height]) + carried + shift
 
         return observe
+
+    def doubts(self) -> list[str]:
+        if len(self.segments) >= FEWEST_SEGMENTS:
+            return []
+        segments = "is one segment" if len(self.segments) == 1 else f"has {len(self.segments)} segments"
+        return [
+            f"The finger is short for fem=rod: it {segments} from gap to gap. With fewer than {FEWEST_SEGMENTS}, even "
+            "under small loads, the tip is up to 35 % off, and with one by more than its whole way: choose fem=solid."
+        ]
 
     def size(self) -> dict[str, Any]:
         return {"segments": len(self.segments), "solved_segments": len({id(each) for each in self.segments})}

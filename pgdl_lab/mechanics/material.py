@@ -48,11 +48,14 @@ class CalculixCard:
         All but those of the volumetric terms, stresses in Pa.
     volumetric_terms
         Number of terms (J − 1)^(2 i) / D_i, i = 1, 2, ….
+    principal
+        Whether it is a law in principal stretches.
     """
 
     form: str
     constants: list[float]
     volumetric_terms: int
+    principal: bool = False
 
 
 @dataclass(frozen=True)

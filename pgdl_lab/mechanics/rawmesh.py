@@ -6,8 +6,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.hdf5 import require_contained
 
 if TYPE_CHECKING:
     import meshio
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 FORMATS = {".msh": "Gmsh .msh", ".vtu": "VTK .vtu", ".inp": "Abaqus .inp"}
 LONGEST = 160  # characters of a reason that are told
 POINTER = b"version https://git-lfs"  # how such a file begins
+XDMF = (".xdmf", ".xmf")  # XML that names files with numbers
 VOXEL = 11  # the number of its kind in VTK
 TEXT = re.compile(rb'<(?:Data)?Array\b(?=[^>]*\btype="String")[^>]*\bName="([^"]*)"')
 
@@ -33,7 +36,8 @@ def read_raw(path: Path) -> RawMesh:
     Raises
     ------
     InputError
-        When the file is missing or unreadable, or when meshio leaves some of its cells out.
+        When the file is missing or unreadable, when it asks for more memory or other files than a mesh does, or when
+        meshio leaves some of its cells out.
     """
     import meshio
 
@@ -42,6 +46,7 @@ def read_raw(path: Path) -> RawMesh:
     with path.open("rb") as file:
         if file.read(len(POINTER)) == POINTER:
             raise InputError(f"{path} is a pointer of Git LFS in the place of the mesh: fetch it by 'git lfs pull'.")
+    _require_contained(path)
     printed = io.StringIO()
     try:  # meshio's readers raise all sorts of errors, print, and end the process
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
@@ -58,6 +63,41 @@ def read_raw(path: Path) -> RawMesh:
             f"the body would be missing: {remedy}."
         )
     return RawMesh(mesh, told)
+
+
+def _require_contained(path: Path) -> None:
+    """Check that what HDF5 reads for the file lies in it, or beside it if XDMF names it, and is no larger than that.
+
+    Raises
+    ------
+    InputError
+        When it is not so.
+    """
+    import h5py
+
+    try:
+        for file in (path, *_named(path)):
+            if h5py.is_hdf5(file):
+                with h5py.File(file, "r") as opened:
+                    require_contained(opened, packed=True)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is not taken as a mesh: {_one_line(str(error))}; export the mesh again.") from error
+
+
+def _named(path: Path) -> list[Path]:
+    """The files with numbers that an XDMF file names."""
+    if path.suffix.lower() not in XDMF:
+        return []
+    try:
+        items = ElementTree.parse(path).iter("DataItem")
+    except ElementTree.ParseError:
+        return []  # meshio says more
+    texts = [item.text or "" for item in items if item.get("Format") in ("HDF", "Binary")]
+    names = dict.fromkeys(text.strip().partition(":")[0] for text in texts)
+    for name in names:
+        if Path(name).name != name:
+            raise ValueError(f"its numbers lie in another folder, in '{name}'")
+    return [path.with_name(name) for name in names if name]
 
 
 def _reason(error: BaseException, printed: str) -> str:

@@ -34,6 +34,10 @@ class ReducedModel(Model):
     def size(self) -> dict[str, Any]:
         """How large the model is, for the provenance."""
 
+    def doubts(self) -> list[str]:
+        """Why this finger is none that the model is made for, in sentences."""
+        return []
+
 
 def require_profile(finger: Finger, fem: Fem) -> ExtrudedFinger:
     """`finger`, if it has a profile; raises InputError."""
@@ -106,7 +110,8 @@ def simulate(
             "seconds": ended - began,
         },
     )
-    _log.warning("%s Compare with fem=solid if that matters.", caution)
+    for sentence in (f"{caution} Compare with fem=solid if that matters.", *model.doubts()):
+        _log.warning("%s", sentence)
     if history.unstable_kpa:
         _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
     if not history.complete:

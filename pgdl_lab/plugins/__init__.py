@@ -1,9 +1,27 @@
 """All plugins, wherever they lie: `pgdl_lab.plugins.<kind>.<name>` is a module in one of the folders of `__path__`.
 
-A wheel carries the plugins in this package; a checkout keeps them in `plugins/`. Either way user files are found too,
-under module names that worker processes can import.
+A wheel carries the plugins in this package; a checkout keeps them in `plugins/`. The user's own, often in the working
+directory, are among them only after `pgdl_lab.registry.discover`, as importing a kind already runs code there; the
+processes that are started afterwards find them too, under the same names, by an environment variable.
 """
 
-from pgdl_lab.paths import PLUGINS
+import os
+from pathlib import Path
 
-__path__ = [*__path__, *(str(folder) for folder in PLUGINS)]
+from pgdl_lab.paths import OWN_PLUGINS, SHIPPED_PLUGINS
+
+_DISCOVERED = "PGDL_LAB_DISCOVERED"
+
+if Path(__file__).resolve().parent != SHIPPED_PLUGINS:
+    __path__ = [*__path__, str(SHIPPED_PLUGINS)]
+
+
+def discover_own() -> None:
+    """Add the user's own plugins."""
+    if str(OWN_PLUGINS) not in __path__:
+        __path__.append(str(OWN_PLUGINS))
+    os.environ[_DISCOVERED] = str(OWN_PLUGINS)
+
+
+if os.environ.get(_DISCOVERED) == str(OWN_PLUGINS):
+    discover_own()

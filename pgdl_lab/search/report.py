@@ -37,7 +37,10 @@ def report(shared: SharedStudy) -> list[Path]:
     study, folder, objectives = shared.study, shared.folder, shared.settings.directions
     written = [_csv(shared.trials(), list(objectives), folder / "trials.csv")]
     best = _best(shared)
-    written += figures.draw(study, objectives, folder / "figures")
+    try:
+        written += figures.draw(study, objectives, folder / "figures")
+    except Exception as error:  # a full disk or a font: the trials are done
+        _log.warning("The figures of the study could not be drawn: %s", error)
     several = len(objectives) > 1
     configurations = BEST / shared.settings.study
     for old in configurations.glob("*.yaml"):
@@ -66,6 +69,7 @@ def report(shared: SharedStudy) -> list[Path]:
         _log.info("The best runs again by: python -m pgdl_lab %s", again)
         if told := _tested(shared, best[0]):
             _log.info("It is trial %d%s", best[0].number, told)
+        _log.info("%s", mesh_error(folder / str(best[0].number)))
         same = study.user_attrs[SCHEMA]["setting"]
         if same.get("task") == "train" and "seed" in same:
             others = ",".join(str(same["seed"] + number) for number in range(1, OTHERS + 1))
@@ -89,6 +93,18 @@ def _tested(shared: SharedStudy, trial: FrozenTrial) -> str:
         return ""
     mse = json.loads(file.read_text(encoding="utf-8"))["mse_mm2"]
     return f"; over the test points, which nothing was selected by, MSE x {mse['x']:.4g}, z {mse['z']:.4g} mm²"
+
+
+def mesh_error(trial: Path) -> str:
+    """How far off the simulation of a trial is, which no value of the trial counts, in a sentence."""
+    file = trial / "metrics.json"
+    found = json.loads(file.read_text(encoding="utf-8")).get("discretisation_error") if file.is_file() else None
+    if found is None:
+        return "The error of its mesh is not known: nothing estimated it."
+    return (
+        f"Its simulation would have the tip {found['tip_mm']:.2g} mm elsewhere at {found['kpa']:.4g} kPa on half the "
+        "edges; that is no part of the values above."
+    )
 
 
 def _several(shared: SharedStudy) -> bool:

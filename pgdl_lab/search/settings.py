@@ -1,10 +1,10 @@
 """Settings of a search: the config group `hydra/sweeper=pgdl_optuna`."""
 
-import re
 from dataclasses import dataclass, field
 from typing import Any
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.folders import check_study
 
 DEFAULT_SAMPLER = {
     "_target_": "optuna.samplers.TPESampler",
@@ -88,11 +88,7 @@ class SearchSettings:
     retry_failed: bool = False
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[\w.-]+", self.study) or self.study in ("latest", "snapshots", "artifacts", "best"):
-            raise InputError(
-                f"hydra.sweeper.study is '{self.study}', which names the folder runs/<study>: use letters, digits, "
-                "'_', '-' and '.', but no name that the lab uses itself."
-            )
+        check_study(self.study)
         for name in ("n_trials", "batch", "workers", "threads", "first_failures"):
             if getattr(self, name) < 1:
                 raise InputError(f"hydra.sweeper.{name} is {getattr(self, name)}; it must be at least 1.")

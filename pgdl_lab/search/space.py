@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import IntervalSweep, Override, RangeSweep
+from hydra.core.override_parser.types import IntervalSweep, Override, QuotedString, RangeSweep
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.messages import quoted
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
@@ -123,6 +124,13 @@ def _texts(values: Any) -> list[str]:
     return [text(value) for value in (values if isinstance(values, list) else [values])]
 
 
+def _typed(value: Any, as_text: str) -> str:
+    """A choice as it is typed; Hydra lets the quotes of text go, which its grammar may need."""
+    if isinstance(value, QuotedString):
+        value = value.text
+    return quoted(value) if isinstance(value, str) else as_text
+
+
 def _distribution(override: Override) -> BaseDistribution:
     from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
@@ -145,8 +153,8 @@ def _distribution(override: Override) -> BaseDistribution:
         given = sweep.list
         texts = list(override.sweep_string_iterator())
         choices = [
-            value if isinstance(value, bool | int | float | None) else typed
-            for value, typed in zip(given, texts, strict=True)
+            value if isinstance(value, bool | int | float | None) else _typed(value, as_text)
+            for value, as_text in zip(given, texts, strict=True)
         ]
         return CategoricalDistribution(choices)
     except (AttributeError, IndexError, ValueError) as error:

@@ -19,6 +19,7 @@ RULES = (
     (ACCURACY, "discretisation error could not be estimated, so it may be large"),
     (ACCURACY, "its element is some 10 % off"),
     (ACCURACY, "does not know its own error"),
+    (ACCURACY, "The finger is short for fem=rod"),
     (DATA, "No training point lies within"),
     (DATA, "its data are too few or too noisy"),
     (DATA, "Error bars are calibrated on .* too few to trust them"),

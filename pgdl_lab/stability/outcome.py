@@ -3,7 +3,6 @@
 The thresholds below were set before any trial was looked at.
 """
 
-import logging
 import math
 import time
 import warnings
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.heard import heard
 from pgdl_lab.messages import sentence
 from pgdl_lab.surrogate import Outside
 
@@ -128,7 +128,7 @@ class Trial:
         return cls(**{**record, "causes": tuple(record["causes"]), "told": tuple(record["told"]), "bars": bars})
 
 
-class Heard(logging.Handler):
+class Heard:
     """What the lab warns of while it is entered.
 
     Attributes
@@ -138,18 +138,13 @@ class Heard(logging.Handler):
     """
 
     def __init__(self) -> None:
-        super().__init__(logging.WARNING)
+        self.seconds = 0.0
         self._logged: list[str] = []
         self._caught: list[warnings.WarningMessage] = []
-        self.seconds = 0.0
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._logged.append(record.getMessage())
 
     def __enter__(self) -> "Heard":
-        self._began = time.perf_counter()
-        logging.getLogger("pgdl_lab").addHandler(self)
-        self._open = ExitStack()
+        self._began, self._open = time.perf_counter(), ExitStack()
+        self._logged = self._open.enter_context(heard())
         caught = self._open.enter_context(warnings.catch_warnings(record=True))
         self._caught = [] if caught is None else caught
         warnings.simplefilter("ignore")  # of libraries: not written for the user of the lab
@@ -158,7 +153,6 @@ class Heard(logging.Handler):
 
     def __exit__(self, *_: object) -> None:
         self._open.close()
-        logging.getLogger("pgdl_lab").removeHandler(self)
         self.seconds = time.perf_counter() - self._began
 
     @property
@@ -173,17 +167,17 @@ Attempt = Callable[[Heard], Result]
 
 def tried(part: str, axis: str, level: str, method: str, attempt: Attempt, seed: int = 0) -> Trial:
     """Make an attempt, whatever comes of it."""
-    heard, result = Heard(), Result(math.nan)
+    hearing, result = Heard(), Result(math.nan)
     told: tuple[str, ...]
     try:
-        result = attempt(heard)
-        mode, told = _mode(part, result.error), heard.sentences
+        result = attempt(hearing)
+        mode, told = _mode(part, result.error), hearing.sentences
     except LabError as problem:
         mode, told = "refused" if isinstance(problem, InputError) else "stopped", (sentence(problem),)
     except Exception as problem:  # the very thing that is looked for
         mode, told = "crashed", (f"{type(problem).__name__}: {problem}",)
     error = result.error if math.isfinite(result.error) else None
-    return Trial(part, axis, level, method, seed, mode, error, result.causes, result.bars, told, heard.seconds)
+    return Trial(part, axis, level, method, seed, mode, error, result.causes, result.bars, told, hearing.seconds)
 
 
 def _mode(part: str, error: float) -> str:

@@ -1,7 +1,6 @@
 """All trials of the failure map, each from the store or made now."""
 
 import hashlib
-import inspect
 import json
 import logging
 import time
@@ -11,7 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import pgdl_lab
+from pgdl_lab import sources
 from pgdl_lab.cache import simulate
 from pgdl_lab.errors import InputError
 from pgdl_lab.files import replacing
@@ -26,13 +25,8 @@ _log = logging.getLogger(__name__)
 
 DATA = Observation(snapshots=20, points=400)
 DATA_EDGE_MM = 6.0
-CODE = {
-    "mechanics": ("mechanics/*.py", "stability/truth.py", "stability/overlap.py"),
-    "learning": ("learning/*.py",),
-}
-"""Files of the package that decide how a trial of each part ends, beside that of the stresses themselves."""
-COUNTED = "stability/outcome.py"
-KIND = {"mechanics": "fem", "learning": "model"}
+PARTS: dict[str, tuple[str, Any]] = {"mechanics": ("fem", mechanics.attempt), "learning": ("model", learning.attempt)}
+"""Of each part the kind of plugin that is tried, and what tries it."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +55,8 @@ class StabilitySettings:
 
     def __post_init__(self) -> None:
         for part in self.parts:
-            if part not in ("mechanics", "learning"):
-                raise InputError(f"stability.parts names '{part}'; choose among mechanics and learning.")
+            if part not in PARTS:
+                raise InputError(f"stability.parts names '{part}'; choose among {' and '.join(PARTS)}.")
         if self.seeds < 1:
             raise InputError(f"stability.seeds is {self.seeds}; it must be at least 1.")
         if self.updates < 1:
@@ -110,7 +104,8 @@ def planned(settings: StabilitySettings, quick: bool, folder: Path) -> list[Plan
         for stress in mechanics.stresses(finger, quick):
             for name in mechanics.models(stress):
                 what: list[Any] = [describe(stress.finger), type(stress.finger).__qualname__, stress.fields]
-                path = _path(folder, "mechanics", stress, name, what)
+                what += [stress.edge_mm, stress.contact]
+                path = _path(folder, finger, stress, name, what)
                 attempt = partial(mechanics.attempt, stress, name)
                 found.append(Planned("mechanics", stress.axis, stress.level, name, 0, path, attempt))
     if "learning" in settings.parts:
@@ -124,7 +119,7 @@ def planned(settings: StabilitySettings, quick: bool, folder: Path) -> list[Plan
             for name in learning.models(training):
                 for seed in range(settings.seeds):
                     what = [asdict(training), describe(scenes[training.data]), seed, settings.updates]
-                    path = _path(folder, "learning", training, name, what)
+                    path = _path(folder, finger, training, name, what)
 
                     def learn(
                         heard: Heard, training: learning.Stress = training, name: str = name, seed: int = seed
@@ -164,11 +159,16 @@ def _simulated(finger: Finger, folder: Path) -> Snapshots:
     return simulate(finger, solid, DATA, folder / "snapshots")[0]
 
 
-def _path(folder: Path, part: str, stress: Any, method: str, what: Any) -> Path:
-    """Where a trial is kept: under a hash of the stress and of the code that is tried."""
-    package = Path(inspect.getfile(pgdl_lab)).parent
-    code = [path for name in CODE[part] for path in sorted(package.glob(name))]
-    code += [package / f"stability/{part}.py", package / COUNTED, Path(inspect.getfile(plugin(KIND[part], method)))]
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in code))
-    digest.update(json.dumps([part, stress.axis, stress.level, method, what], sort_keys=True, default=str).encode())
+def _path(folder: Path, finger: Finger, stress: Any, method: str, what: Any) -> Path:
+    """Where a trial is kept: under a hash of the stress and of the code that is tried, on a finger."""
+    part = "mechanics" if isinstance(stress, mechanics.Stress) else "learning"
+    key = [part, _code(part, method, type(finger), type(finger.material)), stress.axis, stress.level, method, what]
+    digest = hashlib.sha256(json.dumps(key, sort_keys=True, default=str).encode())
     return folder / "stability" / f"{digest.hexdigest()[:20]}.json"
+
+
+@cache
+def _code(part: str, method: str, *finger: type) -> str:
+    """Hash of all code that decides how a trial ends; surrogates learn from the solid."""
+    kind, attempt = PARTS[part]
+    return sources.digest([plugin(kind, method), attempt, plugin("fem", "solid"), *finger])

@@ -53,8 +53,13 @@ def run(job: Job) -> list[Point]:
     bench = Bench(experiment, settings, paths.RUNS)
     title = _title(bench)
     points: list[Point] = []
+    told: set[str] = set()
     for point, found in all_points(bench):
         points.append(point)
+        for sentence in point.warnings if found else ():  # others have been told as the point was measured
+            if sentence not in told:
+                _log.warning("%s: %s", point.label, sentence)
+        told.update(point.warnings)
         said = (
             point.failed or f"{point.total.rms_mm:.3g} mm RMS, {point.query_ms:.3g} ms" if point.total else point.failed
         )

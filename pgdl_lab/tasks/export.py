@@ -28,7 +28,10 @@ def run(job: Job) -> None:
     for heading in ("form", "file", "size (kB)", "largest difference (mm)", "tolerance (mm)"):
         table.add_column(heading, justify="left" if heading in ("form", "file") else "right")
     rows = []
-    for form in export(stored_surrogate(job.folder), folder):
+    surrogate = stored_surrogate(job.folder)
+    for sentence in surrogate.warnings:
+        _log.warning("%s", sentence)
+    for form in export(surrogate, folder):
         if not isinstance(form, Form):
             _log.warning("Left out: %s", form)
             continue

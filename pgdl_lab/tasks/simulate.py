@@ -26,6 +26,8 @@ def run(job: Job) -> None:
         "finger": describe(experiment.finger)["name"],
         "fem": describe(experiment.fem)["name"],
         "points": snapshots.displacements.shape[0] * snapshots.displacements.shape[1],
+        "warnings": snapshots.warnings,
+        "discretisation_error": snapshots.provenance.get("discretisation_error"),
         "seconds": {"simulate": snapshots.provenance.get("seconds", time.perf_counter() - start)},
         "extremes_mm": {
             "fem": {axis: [float(last[:, i].min()), float(last[:, i].max())] for i, axis in enumerate("xz")}
@@ -33,5 +35,12 @@ def run(job: Job) -> None:
     }
     with replacing(job.folder / "metrics.json") as temporary:
         temporary.write_text(json.dumps(metrics, indent=1))
+    if error := metrics["discretisation_error"]:
+        _log.info(
+            "On half the edges the tip would lie %.2g mm elsewhere at %.4g kPa, %.2g %% of its displacement, and other "
+            "points up to %.2g mm.", error["tip_mm"], error["kpa"], error["tip_percent"], error["largest_mm"],
+        )  # fmt: skip
+    else:
+        _log.info("The discretisation error is not known: nothing estimated it.")
     if snapshots.body is not None:
         _log.info("The whole body for ParaView: %s", write_series(snapshots.body, job.folder / "paraview"))

@@ -10,6 +10,7 @@ def run(job: Job) -> float:
 
     Where the training points leave none, it is that over the test points.
     """
+    pipeline.check(job.experiment)
     with tracked_run(job.folder, job.sweep_folder) as tracked:
         metrics = pipeline.run(job.experiment, job.folder, tracked)
     mse = metrics["selection_mm2"] or metrics["mse_mm2"]

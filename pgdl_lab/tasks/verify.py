@@ -44,6 +44,7 @@ def run(job: Job) -> None:
         _log.info("%s: %s, %.1f s", _title(row), "passed" if row.passed else "FAILED", row.seconds)
         _write(job.folder, rows)
     Console().print(_table(rows))
+    _log.info("Everything is in %s", job.folder)
     failed = [_title(row) for row in rows if not row.passed]
     if failed:
         raise LabError(

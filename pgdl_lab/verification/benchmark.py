@@ -10,7 +10,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Check:
-    """One figure of a benchmark beside its reference.
+    """One figure of a benchmark beside its reference; a check that 0 would pass, whatever is right, is none.
+
+    A figure whose reference is 0 is therefore to be relative to one that is not, without a unit.
 
     Attributes
     ----------
@@ -22,6 +24,11 @@ class Check:
         Largest accepted difference of the two, in their unit.
     source
         Where the reference is from.
+
+    Raises
+    ------
+    ValueError
+        When the tolerance reaches from the reference to 0, or the reference is 0 and the figure has a unit.
     """
 
     name: str
@@ -29,6 +36,12 @@ class Check:
     obtained: float
     tolerance: float
     source: str
+
+    def __post_init__(self) -> None:
+        if self.reference == 0 and not self.name.endswith("[–]"):
+            raise ValueError(f"'{self.name}' is compared with 0: make it relative to something that is not 0.")
+        if self.tolerance >= (abs(self.reference) or 1.0):
+            raise ValueError(f"'{self.name}' has the tolerance {self.tolerance:g}, with which 0 would pass.")
 
     @property
     def passed(self) -> bool:

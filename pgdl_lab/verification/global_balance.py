@@ -11,8 +11,8 @@ from pgdl_lab.verification.benchmark import Check, benchmark
 
 @benchmark("reaction of a finger", quick=True)
 def reaction(quick: bool) -> Iterator[Check]:
-    """Half a finger of two chambers under its weight and full pressure."""
-    finger = plugin("finger", "pneunet")(chambers=2, max_kpa=20.0)
+    """Half a finger of two chambers that points down at a slant, under its weight and full pressure."""
+    finger = plugin("finger", "pneunet")(chambers=2, max_kpa=20.0, gravity_m_s2=[6.0, -8.0])
     model = Model(finger, 6.0, "hex27_p1")
     history = model.load(np.array([finger.max_kpa]), 1e-8, 1e-2)
     found, load = model.reaction_and_load_n(history.branch.displacements[-1], history.reached_kpa)

@@ -23,8 +23,11 @@ class Rod(Fem):
 
     Each segment from gap to gap is solved once in three dimensions at small strain; only rotations are large. Walls
     that stiffen, chambers that swell and contact are left out. For fingers with a profile; there is no body to show.
-    At half and full pressure the tip is 1 to 13 % off (benchmarks/rungs.py); at small loads, on short fingers, 1 to 2 %
-    under pressure and 2 to 9 % under weight.
+    At half and full pressure the tip of the fingers here is 1 to 13 % off (benchmarks/rungs.py). A segment bends the
+    same all along, as if all others were like it and bore the same moment. So short fingers are worse, also at small
+    loads: under weight some 5 % with six segments, 3 to 10 % with four and up to 35 % with two; under pressure up to
+    9 % with two, and with one the tip may be off by twice its way (benchmarks/short_fingers.py). With fewer than six it
+    warns.
 
     Attributes
     ----------

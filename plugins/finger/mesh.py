@@ -1,9 +1,13 @@
 """The user's own finger, from a volume mesh file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from glob import escape
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.finger import Finger
@@ -70,6 +74,11 @@ class Mesh(Finger):
         surfaces = [Path(part) for part in (self.clamp, self.cavity, self.symmetry) if is_surface(part)]
         return (Path(self.path), *(path for path in surfaces if path.is_file()))
 
+    def content(self) -> Iterable[bytes | NDArray[Any]]:
+        mesh = self.mesh(0.0)  # as it was read: a file may be one of several, or hold what is not used
+        named = ((name.encode(), facets) for name, facets in sorted(mesh.boundaries.items()))
+        return mesh.p, mesh.t, *chain.from_iterable(named)
+
     def mesh(self, edge_mm: float) -> "FemMesh":
         return self._body().mesh
 
@@ -91,5 +100,7 @@ class Mesh(Finger):
         from pgdl_lab.mechanics.meshbody import load
 
         files = self.files()
-        stamps = tuple(stamp for path in files for stamp in (path.stat().st_mtime_ns, path.stat().st_size))
+        beside = files[0].parent.glob(f"{escape(files[0].stem)}.*")  # some formats put the numbers into another file
+        found = [path.stat() for path in (*files, *sorted(beside))]
+        stamps = tuple(stamp for file in found for stamp in (file.st_mtime_ns, file.st_size))
         return load(files[0], self.unit, tuple(self.axes), Parts(self.clamp, self.cavity, self.symmetry), stamps)

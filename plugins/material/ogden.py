@@ -94,7 +94,7 @@ class Ogden(Material):
             )
         # CalculiX has 2 μ_i/α_i² in the place of μ_i/α_i.
         pairs = [(1e6 * mu * alpha / 2, float(alpha)) for mu, alpha in zip(self.mu_mpa, self.alpha, strict=True)]
-        return CalculixCard(f"OGDEN,N={terms}", [value for pair in pairs for value in pair], terms)
+        return CalculixCard(f"OGDEN,N={terms}", [value for pair in pairs for value in pair], terms, principal=True)
 
 
 def _ratio_of_sines(factor: float, r: Array) -> Array:

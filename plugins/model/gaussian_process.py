@@ -40,9 +40,13 @@ class GaussianProcess(Model):
     modes: int = 32
 
     def __post_init__(self) -> None:
+        from pgdl_lab.learning.process_surrogate import MOST_POINTS
+
         for name in ("points", "modes"):
             if getattr(self, name) < 1:
                 raise InputError(f"model.{name} is {getattr(self, name)}; it must be at least 1.")
+        if self.points > MOST_POINTS:
+            raise InputError(f"model.points is {self.points}; {MOST_POINTS} are the most, as the cost is cubic.")
 
     def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
         from pgdl_lab.learning.linear import left_out

@@ -1,75 +1,73 @@
-"""Model `hybrid`: the closed form of `pod`, and a small network for what it leaves."""
+"""Model `hybrid`: a cheap model of the mechanics, a network that corrects it, and the closed form of `pod`."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.learning.neural import TrainedModel
-from pgdl_lab.registry import describe, register
+from pgdl_lab.registry import describe, names, register
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-    from torch import Tensor
 
-    from pgdl_lab.learning.corrected import CorrectedField
     from pgdl_lab.learning.data import Samples, Training
+    from pgdl_lab.learning.guided import GuidedField
     from pgdl_lab.loss import Loss
     from pgdl_lab.surrogate import Record, Surrogate
 
-DRAWS = 48  # random draws that the error bars are found from
+_log = logging.getLogger(__name__)
+
+ENOUGH = 2000  # training points for the network, which has some hundred weights; the closed form takes all
 
 
 @register("model", "hybrid")
 @dataclass(frozen=True)
 class Hybrid(TrainedModel):
-    """A closed-form field, see model `pod`, that a network corrects under all losses; see `CorrectedField`.
+    """A guide, corrected by a network under all losses, and a closed form, see model `pod`, for what both leave.
 
-    The network learns from errors of the closed form at points it was fitted without. Whether it brings anything is
-    judged on points that are set aside from both; if not, the closed form is kept and learns from these points too. The
-    trained field is stored at the nodes, so that it is as fast as the closed form and has its error bars.
+    The guide is a model of the finger's mechanics that costs a second. It knows weight, air and shape also where there
+    are no data: between few points and beyond the trained pressures. The network moves and turns the sections of the
+    finger further, see `GuidedField`; it is kept if it surely gains on the points that are set aside from it. Whether
+    the guide helps at all is found out before, on strips of the body. Where it does not, or where there is none, the
+    model is `pod` alone and says so. The result is stored at the nodes, as that of `pod`, and as fast.
 
     Attributes
     ----------
-    inputs
-        Modes of the closed form that the network sees, the strongest; each has two components.
-    degree
-        Degree of the closed form in the pressure.
+    guide
+        The model of kind `fem` that guides; "none" for `pod` alone.
     correction_degree
-        Degree of the corrections in the pressure.
+        Degree of the network's part in the pressure.
+    degree
+        Degree of the guide's and of the closed form's part in the pressure.
     rounds
         How often the closed form's prior is learnt anew.
-    folds
-        Parts of the data that are predicted from the other ones.
     """
 
-    depth: int = 2
-    width: int = 32
+    optimizer: ClassVar[str] = "lbfgs"
+
+    depth: int = 1
+    width: int = 16
     activation: str = "tanh"
     dtype: str = "float64"
-    patience: int | None = 25
-    inputs: int = 6
+    patience: int | None = 50
+    guide: str = "rod"
+    correction_degree: int = 2
     degree: int = 10
-    correction_degree: int = 3
     rounds: int = 4
-    folds: int = 5
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("degree", 1), ("rounds", 0), ("folds", 2)):
+        for name, least in (("degree", 1), ("correction_degree", 0), ("rounds", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"model.{name} is {getattr(self, name)}; it must be at least {least}.")
-        if self.degree >= DRAWS:
-            raise InputError(f"model.degree is {self.degree}; it must be below {DRAWS}.")
-        if not 1 <= self.inputs <= self.degree + 1:
-            raise InputError(f"model.inputs is {self.inputs}; the closed form has 1 to {self.degree + 1} modes.")
-        if not 0 <= self.correction_degree <= self.degree:
+        if self.correction_degree > self.degree:
             raise InputError(
-                f"model.correction_degree is {self.correction_degree}; it must lie between 0 and the closed form's "
-                f"{self.degree}."
+                f"model.correction_degree is {self.correction_degree}; it must not be above model.degree={self.degree}."
             )
         if self.dtype != "float64":
             raise InputError("model.dtype of hybrid is float64: in float32 the corrections drown in rounding.")
@@ -78,52 +76,89 @@ class Hybrid(TrainedModel):
         from pgdl_lab.learning.linear import require_data
 
         require_data("hybrid", losses)  # for its closed form
+        # asked here, not when it is made: a robot that loads a surrogate has no finite elements
+        known = [*names("fem"), "none"]
+        if self.guide not in known:
+            raise InputError(f"model.guide is '{self.guide}'; choose one of {', '.join(known)}.")
         return {}
 
-    def begin(self, training: Training) -> tuple[CorrectedField, Samples]:
-        from contextlib import closing
+    def fit(self, training: Training) -> Surrogate:
+        from pgdl_lab.learning.clock import Clock
+        from pgdl_lab.learning.linear import BOUNDARY, DATA
+        from pgdl_lab.surrogate import Record
 
+        self.left_out(training.losses)
+        clock = Clock(training.trainer.max_seconds)
+        reason = self._alone(training)
+        if not reason:
+            return super().fit(training)
+        known = (DATA, BOUNDARY)  # fitted, and held exactly
+        idle = [name for name, loss in training.losses.items() if name not in known and loss.weight > 0]
+        also = f" Loss {', '.join(idle)} trains nothing then: leave it out or choose model=body." if idle else ""
+        _log.log(logging.WARNING if idle else logging.INFO, "Model hybrid: pod alone answers, as %s.%s", reason, also)
+        record = Record({}, dict(training.provenance), face=training.scene.face)
+        return replace(self, guide="none")._with_closed_form(None, training, record, clock.seconds)
+
+    def _alone(self, training: Training) -> str:
+        """Why the closed form answers alone; empty if it does not."""
+        import numpy as np
+
+        from pgdl_lab.learning.guide import gains
+        from pgdl_lab.learning.threads import threads
+
+        if self.guide == "none":
+            return "model.guide is none"
+        with threads(training.trainer.threads):
+            try:
+                nodal = self._guide(training)
+            except LabError as problem:
+                return f"fem={self.guide} cannot guide it ({str(problem).rstrip('.')})"
+            rng = np.random.default_rng(training.seed)
+            gain = gains(training.scene, training.whole, nodal, self.degree, rng)
+        return "" if gain else f"fem={self.guide} as a guide would not lower its error"
+
+    def _guide(self, training: Training) -> NDArray[np.float64]:
+        from pgdl_lab.learning.guide import guide
+
+        return guide(training.scene, self.guide, float(training.whole.pressures_kpa.max()), self.degree)
+
+    def begin(self, training: Training) -> tuple[GuidedField, Samples]:
         import numpy as np
         import torch
-        from threadpoolctl import threadpool_limits
 
-        from pgdl_lab.learning.corrected import cross_fitted
-        from pgdl_lab.learning.linear import regression_of
-        from pgdl_lab.learning.pod import decompose, learnt_prior
-
-        rng = np.random.default_rng(training.seed)
-        regression, body = regression_of(training, self.degree)
-        with threadpool_limits(training.trainer.threads), closing(regression):
-            prior = learnt_prior(regression, self.rounds, rng)
-            learnt = decompose(regression, prior, DRAWS, rng)
-            samples, size_mm = training.samples, 1.0
-            if regression.allows(self.folds):  # else there is no time for the network either
-                samples, size_mm = cross_fitted(regression, prior, learnt, self.folds, rng)
-        return self._field({**body, **learnt}, torch.tensor(size_mm, dtype=torch.double)), samples
-
-    def _field(self, closed_form: Mapping[str, Tensor], scale_mm: Tensor) -> CorrectedField:
-        from pgdl_lab.learning.corrected import CorrectedField
+        from pgdl_lab.learning.guided import MOTIONS, GuidedField
         from pgdl_lab.learning.layers import fully_connected
 
-        inputs, outputs = 2 * self.inputs, 2 * (self.correction_degree + 1)
-        deep = fully_connected(inputs, outputs, self.depth, self.width, self.activation)
-        return CorrectedField(closed_form, scale_mm, deep, inputs, self.correction_degree)
+        scene, samples = training.scene, training.samples
+        field = GuidedField(
+            torch.from_numpy(scene.points_mm),
+            torch.from_numpy(scene.triangles),
+            torch.from_numpy(self._guide(training)),
+            torch.tensor([0.0, training.whole.pressures_kpa.max()], dtype=torch.double),
+            fully_connected(1, MOTIONS * (self.correction_degree + 1), self.depth, self.width, self.activation),
+        )
+        few = np.random.default_rng(training.seed).permutation(len(samples.pressures_kpa))[:ENOUGH]
+        field.scale_to(samples)
+        return field, samples.at(np.sort(few))
 
-    def finished(self, field: CorrectedField, record: Record, training: Training) -> Surrogate:
-        from contextlib import closing
+    def finished(self, field: GuidedField, record: Record, training: Training) -> Surrogate:
+        spent_s = record.history[-1]["seconds"] if record.history else 0.0
+        return self._with_closed_form(field.cpu(), training, record, spent_s)
 
-        import numpy as np
+    def _with_closed_form(
+        self, field: GuidedField | None, training: Training, record: Record, spent_s: float
+    ) -> Surrogate:
+        """The surrogate of `field` and of the closed form for what it leaves, or of the closed form alone.
 
-        from pgdl_lab.learning.linear import regression_of
-        from pgdl_lab.learning.pod import compressed, known
+        The closed form has the time that is left after `spent_s` [s].
+        """
+        from pgdl_lab.learning.pod import closed_form, compressed
+        from pgdl_lab.learning.threads import threads
 
-        state = field.nodal()
-        if not field.corrects and len(training.held.pressures_kpa):
-            rng = np.random.default_rng(training.seed)
-            regression, _ = regression_of(training, self.degree, training.whole)
-            with closing(regression):
-                state |= known(regression.posterior(field.prior(), DRAWS, rng))
-        return self.restore({name: tensor.numpy() for name, tensor in compressed(state).items()}, record)
+        record = replace(record, ranges=training.whole.ranges())
+        with threads(training.trainer.threads):
+            state = compressed(closed_form(training, self.degree, self.rounds, field, spent_s))
+        return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
         from pgdl_lab.learning.nodal_surrogate import NodalSurrogate

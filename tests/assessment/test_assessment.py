@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,9 +119,12 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     assert metrics == json.loads(json.dumps(found.metrics))
     assert list(metrics) == [
         "finger", "fem", "split", "model", "losses", "left_out", "seed", "points", "train_points",
-        "selection_points", "test_points", "seconds", "mse_mm2", "selection_mm2", "error_bar", "by_pressure",
-        "extremes_mm", "curvature", "latency_ms", "residuals", "yardstick",
+        "selection_points", "test_points", "seconds", "warnings", "surrogate_error", "discretisation_error", "mse_mm2",
+        "selection_mm2", "error_bar", "by_pressure", "extremes_mm", "curvature", "latency_ms", "residuals", "yardstick",
     ]  # fmt: skip
+    assert metrics["surrogate_error"]["rms_mm"] == pytest.approx(np.hypot(0.3, 0.1))
+    assert metrics["surrogate_error"]["largest_mm"] == pytest.approx(np.hypot(0.3, 0.1))
+    assert metrics["discretisation_error"] is None and metrics["warnings"] == []
     parts = [metrics[f"{part}_points"] for part in ("train", "selection", "test")]
     assert metrics["points"] == sum(parts) == 20 * len(data.points) and parts[1] == len(selection)
     assert metrics["selection_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
@@ -141,7 +145,36 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     console.print(closing_table(found.metrics, found.highlights, published("pneunet", split)))
     text = console.export_text()
     assert all(unit in text for unit in ("[kPa]", "[mm²]", "[mm]", "[s]", "[ms]"))
+    assert "simulation, not known" in text
     assert "9.00e-02" in text and "-63.43" in text and ("0.017" in text) == (split == "extrapolate")
+
+
+@pytest.mark.parametrize(("tip_mm", "shown"), [(0.0004, "0.0004"), (3.0, "3")])
+def test_the_error_of_the_mesh_stands_beside_that_of_the_surrogate_whatever_its_size(
+    tip_mm: float, shown: str, tmp_path: Path
+) -> None:
+    error = {"kpa": MAX_KPA, "tip_mm": tip_mm, "tip_percent": 1.25, "largest_mm": 7.5}
+    data = replace(small(), provenance={"discretisation_error": error})
+    split, how = plugin("split", "random")(), training(tmp_path, {"data": {}})
+    found = assess(Shifted(), data, TRAIN, TRAIN[:0], split, LABELS, {}, tmp_path, how)
+    assert json.loads((tmp_path / "metrics.json").read_text())["discretisation_error"] == error
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(closing_table(found.metrics, found.highlights, published("comb", "random")))
+    (surrogate,) = re.findall(r"surrogate, at unseen points.*", text := console.export_text())
+    (mesh,) = re.findall(r"simulation, at 50 kPa.*", text)
+    assert re.findall(r"[\d.–]+", surrogate)[0] == "0.32"  # the root of 0.3² + 0.1²
+    assert re.findall(r"[\d.–]+", mesh)[1:] == ["–", shown, "1.2", "7.5"]
+
+
+def test_the_error_of_the_tip_is_that_of_its_length() -> None:
+    data = small()
+    predicted = data.displacements.copy()
+    predicted[3, data.base[-1]] += [3.0, 4.0]
+    found = Comparison(data, predicted, np.arange(3)).error()
+    moved = np.linalg.norm(data.displacements[:, data.base[-1]], axis=1).max()
+    assert (found["tip_mm"], found["largest_mm"], found["tip_percent"]) == pytest.approx((5.0, 5.0, 500 / moved))
+    still = replace(data, displacements=np.zeros_like(data.displacements))
+    assert Comparison(still, predicted, np.arange(3)).error()["tip_percent"] is None
 
 
 def test_coverage_is_the_share_of_unseen_errors_within_the_bars() -> None:

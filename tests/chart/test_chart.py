@@ -82,7 +82,9 @@ def test_every_registered_method_is_there_and_measured_once(
     assert set(registry.names("model")) <= measured.keys()
     assert {label.partition(",")[0] for label in measured} >= {*registry.names("fem")}
     bench = scene.bench(folder)
-    assert all(found for _, found in methods.all_points(bench))
+    again = {point.label: (found, point) for point, found in methods.all_points(bench)}
+    assert all(found for found, _ in again.values())
+    assert "fem=rod leaves out that walls stiffen" in again["rod, 6 mm"][1].row()["warnings"]  # told of what is stored
 
     pod: Any = registry.plugin("model", "pod")
 

@@ -15,9 +15,9 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from pgdl_lab.deploy.viewer import page, polynomial
+from pgdl_lab.folders import RUN_ID
 from pgdl_lab.registry import plugin
 from pgdl_lab.surrogate import Surrogate
-from pgdl_lab.tracking import RUN_ID
 from tests.conftest import Lab
 from tests.deploy.browser import browser
 from tests.needs import need

@@ -19,7 +19,7 @@ discover()
 QUICK: dict[str, dict[str, Any]] = {
     "body": {"depth": 1, "width": 16, "modes": 32, "degree": 2},
     "gaussian_process": {"points": 100, "modes": 8},
-    "hybrid": {"degree": 3, "inputs": 3, "folds": 2},
+    "hybrid": {"degree": 3},
     "mlp": {"depth": 1, "width": 8},
 }
 

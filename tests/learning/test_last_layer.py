@@ -94,7 +94,7 @@ def test_bars_of_networks_cover_the_unseen_points(name: str, validation: float, 
     bars = surrogate.error_bar(data.points, data.pressures_kpa)
     covered = (error <= bars[..., None]).reshape(-1, 2)
     assert 0.9 < np.delete(covered, TRAIN, axis=0).mean() < 0.99
-    assert np.median(surrogate.error_bar(data.points, 75.0)) > np.median(surrogate.error_bar(data.points, 50.0))
+    assert np.median(surrogate.error_bar(data.points, 60.0)) > np.median(surrogate.error_bar(data.points, 50.0))
 
 
 def test_a_network_stored_without_bars_has_none(tmp_path: Path) -> None:

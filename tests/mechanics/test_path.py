@@ -69,10 +69,11 @@ def test_smooth_branch_needs_few_equilibria() -> None:
 
 
 def test_step_is_cut_where_newton_fails() -> None:
-    leg = ClosedForm(reach_mm=0.05)
-    branch = follow(leg, leg.exact(0), 50.0, 25.0, lambda _: None)
+    leg, told = ClosedForm(reach_mm=0.05), []
+    branch = follow(leg, leg.exact(0), 50.0, 25.0, told.append)
     assert branch.parameters[-1] == 50
     assert branch.parameters[1] < 25
+    assert told == branch.parameters[1:]  # nothing that was not reached
 
 
 def test_equilibria_gather_at_a_kink() -> None:
@@ -170,3 +171,26 @@ def test_a_limit_point_is_told_from_another_end() -> None:
     with pytest.raises(PathEnded) as caught:
         follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
     assert caught.value.branch.limit() == pytest.approx(40, rel=1e-6)
+
+
+@pytest.mark.parametrize(("last", "limit"), [(39.965, 40.0), (39.95, None)])
+def test_a_limit_point_is_told_from_the_last_two_equilibria(last: float, limit: float | None) -> None:
+    """If it is within a thousandth of the path."""
+    leg, branch = Fold(reach_mm=np.inf), Branch()
+    for parameter in (0.0, 30.0, last):
+        branch.add(leg, leg.exact(0), parameter)
+    assert branch.limit() == (None if limit is None else pytest.approx(limit))
+    alone = Branch()
+    alone.add(leg, leg.exact(0), 39.99)
+    assert alone.limit() is None
+
+
+def test_nearest_equilibria() -> None:
+    """As many on either side, or those next to an end; all, where there are no more."""
+    branch = Branch([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    for parameter, near in ((-1.0, [0, 1, 2, 3]), (0.5, [0, 1, 2, 3]), (2.5, [1, 2, 3, 4]), (4.5, [2, 3, 4, 5])):
+        assert list(branch.near(parameter)) == near
+    assert list(branch.near(4.5, 2)) == [4, 5] and list(branch.near(6.0, 3)) == [3, 4, 5]
+    for count in (1, 2, 3, 4):
+        for parameter in (-1.0, 0.5, 2.5, 9.0):
+            assert list(Branch(branch.parameters[:count]).near(parameter)) == list(range(count))

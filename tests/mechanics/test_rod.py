@@ -1,10 +1,16 @@
-import numpy as np
+from typing import Any
 
-from pgdl_lab.mechanics.equilibrium import Load
+import numpy as np
+import pytest
+
+from pgdl_lab.mechanics.equilibrium import Load, nodal_volumes
+from pgdl_lab.mechanics.finger_rod import FingerRod
+from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.lattice import Lattice
 from pgdl_lab.mechanics.profile import Profile, Region
 from pgdl_lab.mechanics.rod import Rod, Sections
 from pgdl_lab.mechanics.segments import between, columns, cuts
+from pgdl_lab.verification.bodies import settle
 from tests.fingers import pneunet
 
 RANDOM = np.random.default_rng(0)
@@ -21,6 +27,7 @@ def rod() -> Rod:
 
 def test_forces_and_stiffness_are_the_derivatives_of_the_energy() -> None:
     body, load = rod(), Load(0.7, 0.4)
+    assert body.balance(np.zeros((5, 3)), load, stiffness=False).energy == 0
     state = 0.3 * RANDOM.normal(size=(5, 3))
     here = body.balance(state, load, stiffness=True)
     assert here.stiffness is not None
@@ -45,6 +52,38 @@ def test_strains_do_not_see_rigid_motion() -> None:
     x = body.nodes
     state = np.column_stack([3 + x * (np.cos(angle) - 1), -2 + x * np.sin(angle), np.full(5, angle)])
     np.testing.assert_allclose(body.strains(state), 0, atol=1e-14)
+
+
+def lopsided(*gravity: float) -> Any:
+    """A finger of one chamber above its middle, under the acceleration `gravity` along x and z [m/s²]."""
+    return pneunet(chambers=1, root_mm=6.0, base_mm=6.0, gravity_m_s2=list(gravity))
+
+
+def test_weight_does_the_work_that_it_does_in_the_solid() -> None:
+    """As each section is carried along and turns about the axis by a parabola of x: along x only the lever works."""
+    for gravity in ((9.81, 0.0), (0.0, -9.81)):
+        model, body = FingerRod(lopsided(*gravity), 6.0, 0.25), Model(lopsided(*gravity), 6.0, "hex20")
+        x = model.rod.nodes
+        turned = np.column_stack([0 * x, x**3 / 3, x**2])
+        unmoved = np.zeros_like(turned)
+        forces = [model.rod.balance(unmoved, Load(w, 0.0), stiffness=False).forces for w in (1.0, 0.0)]
+        work = ((forces[1] - forces[0]) * turned).sum()
+        x, _, z = body.discretisation.positions.T
+        assert model.axis_mm == pytest.approx(np.average(z, weights=nodal_volumes(body.discretisation)))
+        moved = np.column_stack([-(z - model.axis_mm) * x**2, 0 * x, x**3 / 3])
+        known = 2 * (body.equilibrium.weight * moved).sum()  # the mesh is half of the finger
+        assert abs(known) > 1e-3
+        np.testing.assert_allclose(work, known, rtol=5e-3)
+
+
+def test_columns_shear_one_after_the_other() -> None:
+    """Under a load at the tip: 5/6 of the area of each, as Timoshenko has it for a rectangle."""
+    rod, load = FingerRod(lopsided(0.0, 0.0), 6.0, 0.25).rod, 1e-5
+    rod.weight[-1, 1] = load
+    found = settle(rod, np.zeros_like(rod.weight))
+    sheared = (rod.strains(found)[:, 1] * rod.length).sum()
+    full, hollow = 16.0 * 20.0, 16.0 * 20.0 - 10.0 * 11.0  # 9 and 3 mm of one, 4.5 mm of the other
+    np.testing.assert_allclose(sheared, load * (12.0 / full + 4.5 / hollow) / (5 / 6 * 0.22), rtol=1e-3)
 
 
 def test_fingers_are_cut_in_gaps_and_long_columns() -> None:

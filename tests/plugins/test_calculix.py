@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pgdl_lab import registry
+from pgdl_lab.cache import snapshot_path
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
@@ -131,6 +132,16 @@ class TestResultFiles:
         np.testing.assert_array_equal(table, [[0, 1e-3, -20], [1, 0, 3]])
 
 
+def test_another_version_of_the_program_is_another_simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    program, found = tmp_path / "ccx", {snapshot_path(tmp_path, pneunet(), calculix(), OBSERVATION)}
+    for version in ("2.20", "2.21"):
+        program.write_text(f"#!/bin/sh\necho 'This is Version {version}'\n")
+        program.chmod(0o755)
+        found.add(snapshot_path(tmp_path, pneunet(), calculix(), OBSERVATION))
+    assert len(found) == 3
+
+
 class TestTrouble:
     """What the user is told when the program is missing or fails."""
 
@@ -218,6 +229,26 @@ class TestAgainstTheSolid:
         np.testing.assert_array_equal(snapshots.points, peer.points)
         np.testing.assert_array_equal(snapshots.pressures_kpa, peer.pressures_kpa)
         np.testing.assert_allclose(snapshots.displacements, peer.displacements, atol=3e-4 * largest)
+
+    @pytest.mark.parametrize(
+        ("fields", "gravity"),
+        [
+            ({}, -9.81),
+            ({}, 0.0),
+            ({"mu_mpa": [0.22], "alpha": [2.0]}, -9.81),
+            ({"mu_mpa": [0.2, 0.04, -0.01], "alpha": [1.0, 5.0, -2.0]}, -9.81),
+        ],
+    )
+    def test_a_law_in_principal_stretches_agrees_at_small_strains(self, fields: dict[str, Any], gravity: float) -> None:
+        """Under its own weight and a little pressure, where CalculiX has few digits of such a law."""
+        material = registry.plugin("material", "ogden")(**fields)
+        soft = pneunet(max_kpa=1.0, gravity_m_s2=[0.0, gravity], material=material)
+        ours, theirs = (fem.simulate(soft, Observation(1, 800)) for fem in (solid(), calculix()))
+        assert ours.body is not None and theirs.body is not None
+        largest = np.abs(ours.displacements).max()
+        assert 0.05 < largest < 0.2
+        np.testing.assert_allclose(theirs.body.displacements[0], ours.body.displacements[0], atol=1e-4 * largest)
+        np.testing.assert_allclose(theirs.displacements, ours.displacements, atol=1e-4 * largest)
 
     @pytest.mark.parametrize("law", ["yeoh", "mooney_rivlin", "ogden"])
     def test_agree_in_large_bending(self, law: str) -> None:

@@ -1,3 +1,7 @@
+import json
+import logging
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,95 +11,234 @@ import pytest
 import torch
 
 from pgdl_lab.errors import InputError
-from pgdl_lab.learning.data import Training
+from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.guide import gains, guide
+from pgdl_lab.learning.guided import GuidedField, product
+from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.registry import discover, plugin
-from tests.trainings import small, training
+from pgdl_lab.snapshots import Snapshots
+from tests.fingers import OBSERVATION, pneunet, solid
+from tests.trainings import training
 
 discover()
-QUICK: dict[str, Any] = {"degree": 3, "inputs": 3, "rounds": 1, "folds": 2, "width": 8}
+FINGER = pneunet()
+QUICK: dict[str, Any] = {"degree": 5, "rounds": 2}
+
+
+@pytest.fixture(scope="module")
+def data() -> Snapshots:
+    return solid().simulate(FINGER, OBSERVATION)
+
+
+@pytest.fixture(scope="module")
+def scene(data: Snapshots) -> Scene:
+    return Scene.of(FINGER, data)
+
+
+def some(data: Snapshots, count: int, below: float = 1.0, seed: int = 0) -> Samples:
+    """Samples at `count` points, from the pressures up to `below` times the highest."""
+    seen = int((data.pressures_kpa <= below * data.pressures_kpa[-1] * (1 + 1e-9)).sum())
+    return Samples.of(data, np.random.default_rng(seed).choice(seen * len(data.points), count, replace=False))
+
+
+def how(scene: Scene, samples: Samples, folder: Path, **losses: Any) -> Training:
+    terms = {name: plugin("loss", name)(**fields) for name, fields in {"data": {}, **losses}.items()}
+    budget = TrainerSettings(progress=False, accelerator="cpu", max_epochs=150)
+    return Training.of(samples, scene, terms, budget, OptimizerSettings(), 0, folder, {})
 
 
 def hybrid(**fields: Any) -> Any:
     return plugin("model", "hybrid")(**{**QUICK, **fields})
 
 
-def all_shown(folder: Path) -> Training:
-    """A training of which no point is set aside."""
-    return training(folder, {"data": {}}, validation=0.0)
+def pod() -> Any:
+    return plugin("model", "pod")(**QUICK)
 
 
-def finished(field: Any, record: Any) -> Any:
-    return hybrid().finished(field, record, all_shown(Path()))
+def rms(surrogate: Any, data: Snapshots, which: slice = slice(None)) -> float:
+    surrogate.outside = "ignore"
+    error = surrogate.predict(data.points, data.pressures_kpa[which]) - data.displacements[which]
+    return float(np.sqrt((error**2).mean()))
 
 
-@pytest.fixture(scope="module")
-def begun(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    return hybrid().begin(all_shown(tmp_path_factory.mktemp("hybrid")))
+@pytest.mark.parametrize("below", [1.0, 0.8])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_from_few_points_it_errs_far_less_than_pod(
+    data: Snapshots, scene: Scene, below: float, seed: int, tmp_path: Path
+) -> None:
+    given = how(scene, some(data, 60, below, seed), tmp_path)
+    ours, theirs = hybrid().fit(given), pod().fit(given)
+    assert rms(ours, data) < 0.7 * rms(theirs, data)
+    assert rms(ours, data, slice(-1, None)) < 0.7 * rms(theirs, data, slice(-1, None))
+    assert len(ours.record.history) > 1  # a network was trained
 
 
-def test_starts_as_the_closed_form(tmp_path: Path, begun: Any) -> None:
-    whole, data = all_shown(tmp_path), small()
-    closed = plugin("model", "pod")(degree=3, rounds=1).fit(whole)
-    surrogate = finished(begun[0], closed.record)
-    points, kpa = data.points[::7], np.array([0.0, 10.0, 50.0])
-    assert surrogate.predict(points, kpa) == pytest.approx(closed.predict(points, kpa), abs=1e-9)
-    assert surrogate.error_bar(points, kpa) == pytest.approx(closed.error_bar(points, kpa), rel=1e-4)
+def test_the_network_gains_on_the_guide(data: Snapshots, scene: Scene, tmp_path: Path) -> None:
+    samples = some(data, 60)
+    field, shown = hybrid().begin(how(scene, samples, tmp_path))
+    assert not field.corrects
+    hybrid().fit(how(scene, samples, tmp_path))
+    trained = torch.load(tmp_path / "checkpoints" / "last.ckpt", weights_only=True)["best"]
+
+    def error(weights: Any) -> float:
+        field.load_state_dict(weights, strict=False)
+        fields = field.displacements(field.coordinates(data.points, 0), torch.from_numpy(data.pressures_kpa))
+        return float((fields.detach().numpy() - data.displacements).std())
+
+    assert error(trained["weights"]) < 0.5 * error(trained["start"]["weights"])
 
 
-def test_is_shown_errors_at_points_it_was_not_fitted_to(tmp_path: Path, begun: Any) -> None:
-    field, shown = begun
-    whole = all_shown(tmp_path)
-    surrogate = finished(field, plugin("model", "pod")(degree=3, rounds=0).fit(whole).record)
-    samples = whole.samples
-    here = np.stack([
-        surrogate.predict(point[None], kpa)[0]
-        for point, kpa in zip(samples.points_mm[:300], samples.pressures_kpa[:300], strict=True)
-    ])  # fmt: skip
-    own = ((samples.displacements_mm[:300] - here) ** 2).mean()
-    unseen = ((shown.displacements_mm[:300] - here) ** 2).mean()
-    assert unseen > 2 * own
+def test_bars_hold_the_errors_of_guide_network_and_closed_form(data: Snapshots, scene: Scene, tmp_path: Path) -> None:
+    surrogate = hybrid().fit(how(scene, some(data, 400), tmp_path))
+    error = np.abs(surrogate.predict(data.points, data.pressures_kpa) - data.displacements)
+    bars = surrogate.error_bar(data.points, data.pressures_kpa)[..., None]
+    assert 0.88 < (error <= bars).mean() < 0.999
 
 
-def test_trained_field_and_its_nodal_form_agree_and_hold_the_clamp(begun: Any) -> None:
-    field, data = begun[0], small()
-    torch.manual_seed(0)
-    with torch.no_grad():
-        kept = [weight.clone() for weight in field.parameters()]
-        for weight in field.parameters():
-            torch.nn.init.normal_(weight)
-        kpa = torch.tensor([0.0, 20.0, 60.0], dtype=torch.double)
-        whole = field.displacements(field.coordinates(data.points, 0), kpa).numpy()
-        nodal = finished(field, None).probe(data.points).values(kpa.numpy())
-        for weight, value in zip(field.parameters(), kept, strict=True):
-            weight.copy_(value)
-        start = field.displacements(field.coordinates(data.points, 0), kpa).numpy()
-    assert np.abs(whole - start).max() > 1e-3
-    assert nodal == pytest.approx(whole, abs=1e-9)
-    assert np.abs(whole[:, data.clamp]).max() < 1e-12  # rounding of products of different sizes
+def test_the_clamp_is_held(data: Snapshots, scene: Scene, tmp_path: Path) -> None:
+    surrogate = hybrid().fit(how(scene, some(data, 60), tmp_path))
+    assert np.abs(surrogate.predict(data.points[data.clamp], data.pressures_kpa)).max() < 1e-6
 
 
-def test_training_never_ends_worse_than_the_closed_form_on_the_points_set_aside(tmp_path: Path) -> None:
-    whole = training(tmp_path, {"data": {}, "navier_cauchy": {"weight": 1e3}}, max_epochs=3, lr=0.3)
-    surrogate = hybrid().fit(whole)
-    history = surrogate.record.history
-    assert history[-1]["raw/navier_cauchy"] > 0
-    closed = plugin("model", "pod")(degree=3, rounds=1).fit(training(tmp_path, {"data": {}}))
-    data = small()
-    ours, theirs = (
-        ((each.predict(data.points, data.pressures_kpa) - data.displacements) ** 2).mean()
-        for each in (surrogate, closed)
+def alone(model: Any, given: Training, caplog: pytest.LogCaptureFixture) -> str:
+    """What a model says that turns out to be `pod`."""
+    with caplog.at_level(logging.INFO, "pgdl_lab"):
+        surrogate = model.fit(given)
+    points, kpa = given.scene.points_mm, np.array([0.0, 10.0, 20.0])
+    same = pod().fit(replace(given, losses={"data": given.losses["data"]}))
+    assert np.array_equal(surrogate.predict(points, kpa), same.predict(points, kpa))
+    assert np.array_equal(surrogate.error_bar(points, kpa), same.error_bar(points, kpa))
+    assert surrogate.model["guide"] == "none"
+    (line,) = [record.getMessage() for record in caplog.records if "pod alone" in record.getMessage()]
+    return line
+
+
+def test_pod_alone_answers_without_a_guide(
+    data: Snapshots, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    said = alone(hybrid(guide="none"), how(scene, some(data, 100), tmp_path), caplog)
+    assert said == "Model hybrid: pod alone answers, as model.guide is none."
+
+
+def test_pod_alone_answers_where_the_finger_is_not_known(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    said = alone(hybrid(), training(tmp_path, {"data": {}}), caplog)
+    assert "fem=rod cannot guide it (the finger behind the data is not known)" in said
+
+
+def test_pod_alone_answers_where_the_guide_misleads(
+    data: Snapshots, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A guide of another finger, whose field is rough where this one is not."""
+    noise = np.random.default_rng(0).normal(size=guide(scene, "rod", 20.0, QUICK["degree"]).shape)
+    monkeypatch.setattr("pgdl_lab.learning.guide.guide", lambda *_: noise)
+    assert "fem=rod as a guide would not lower its error" in alone(
+        hybrid(), how(scene, some(data, 200), tmp_path), caplog
     )
-    assert ours <= 1.05 * theirs
 
 
-def test_a_network_that_gains_nothing_leaves_the_closed_form_of_all_points(tmp_path: Path) -> None:
-    how = training(tmp_path, {"data": {}}, max_epochs=1, lr=10.0, validation=0.3)
-    ours, data = hybrid().fit(how), small()
-    whole = plugin("model", "pod")(degree=3, rounds=1).fit(all_shown(tmp_path))
-    part = plugin("model", "pod")(degree=3, rounds=1).fit(replace(how, held=how.held.at(np.arange(0))))
-    point = (data.points, 30.0)
-    off, near = (np.abs(ours.predict(*point) - other.predict(*point)).mean() for other in (part, whole))
-    assert near < off / 3
+def test_a_loss_that_trains_nothing_is_named(scene: Scene, data: Snapshots, tmp_path: Path, caplog: Any) -> None:
+    given = how(scene, some(data, 100), tmp_path, navier_cauchy={}, boundary={"weight": 0.0})
+    said = alone(hybrid(guide="none"), given, caplog)
+    assert said.endswith("Loss navier_cauchy trains nothing then: leave it out or choose model=body.")
+    assert any(record.levelno == logging.WARNING for record in caplog.records)
+
+
+@pytest.mark.parametrize("count", [60, 4000])
+def test_the_early_test_looks_at_a_part_of_many_samples(
+    count: int, data: Snapshots, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pgdl_lab.learning.guide.TRIED", 1200)
+    samples, seen = some(data, count), []
+    from pgdl_lab.learning import guide as module
+
+    regression = module.SeparableRegression
+
+    def watched(body: Any, clamp: Any, part: Samples, *others: Any) -> Any:
+        seen.append(len(part.pressures_kpa))
+        return regression(body, clamp, part, *others)
+
+    monkeypatch.setattr(module, "SeparableRegression", watched)
+    nodal = guide(scene, "rod", 20.0, 5)
+    gains(scene, samples, nodal, 5, np.random.default_rng(0))
+    assert len(seen) == 2 and max(seen) <= min(count, 1.2 * 1200)
+
+
+def test_what_the_guide_warns_of_is_not_said(data: Snapshots, scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
+    guide(scene, "rod", 19.0, 3)  # not asked for before
+    assert not caplog.records
+    logging.getLogger("pgdl_lab.mechanics.reduced").warning("as before")
+    assert caplog.records
+
+
+def field_of(points: np.ndarray, guide_mm: np.ndarray) -> GuidedField:
+    """A field with random weights on two triangles."""
+    torch.manual_seed(0)
+    deep = torch.nn.Sequential(torch.nn.Linear(1, 5), torch.nn.Tanh(), torch.nn.Linear(5, 9))
+    triangles = torch.tensor([[0, 1, 2], [1, 3, 2]])
+    field = GuidedField(
+        torch.from_numpy(points), triangles, torch.from_numpy(guide_mm), torch.tensor([0.0, 50.0]).double(), deep
+    )
+    torch.nn.init.normal_(field.last.weight)
+    return field
+
+
+def test_rows_of_a_product() -> None:
+    x, z = torch.tensor([0.3]), torch.tensor([0.7])
+    left = torch.stack([x * x * z, 2 * x * z, x * x, 2 * z, 0 * x, 2 * x])
+    right = torch.stack([x + z * z, 1 + 0 * x, 2 * z, 0 * x, 2 + 0 * x, 0 * x])
+    both = x**3 * z + x**2 * z**3
+    expected = [
+        *(both, 3 * x**2 * z + 2 * x * z**3, x**3 + 3 * x**2 * z**2),
+        *(6 * x * z + 2 * z**3, 6 * x**2 * z, 3 * x**2 + 6 * x * z**2),
+    ]
+    for order in (1, 3, 6):
+        assert torch.allclose(product(left[:order], right[:order]), torch.stack(expected[:order]))
+
+
+def test_derivatives_of_the_field_are_those_of_its_values() -> None:
+    points = np.array([[0.0, 0.0], [8.0, 0.0], [0.0, 3.0], [8.0, 3.0]])
+    field = field_of(points, np.zeros((4, 4, 2)))
+    place = torch.tensor([[2.0, 1.0], [6.0, 2.5]], dtype=torch.double, requires_grad=True)
+    kpa = torch.tensor([10.0, 30.0], dtype=torch.double)
+
+    def coordinates(order: int) -> torch.Tensor:
+        rows = torch.zeros(order, 2, 10, dtype=torch.double)
+        rows[0, :, :2] = place
+        if order > 1:
+            rows[1, :, 0] = rows[2, :, 1] = 1
+        return rows
+
+    rows = field.rows(coordinates(6), kpa)
+    for component in range(2):
+        value = field.rows(coordinates(1), kpa)[0, :, component]
+        (slope,) = torch.autograd.grad(value.sum(), place, create_graph=True)
+        assert torch.allclose(rows[0, :, component], value)
+        assert torch.allclose(rows[1:3, :, component], slope.T)
+        xx, xz = torch.autograd.grad(slope[:, 0].sum(), place, retain_graph=True)[0].T
+        zz = torch.autograd.grad(slope[:, 1].sum(), place, retain_graph=True)[0][:, 1]
+        assert torch.allclose(rows[3:, :, component], torch.stack([xx, zz, xz]))
+
+
+def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(data: Snapshots, scene: Scene) -> None:
+    nodal = guide(scene, "rod", 20.0, 5)
+    points = data.points
+    field = field_of(points, nodal)
+    field.triangles, field.range_kpa = torch.from_numpy(data.triangles), torch.tensor([0.0, 20.0]).double()
+    with torch.no_grad():
+        kpa = torch.tensor([0.0, 7.0, 24.0], dtype=torch.double)
+        whole = field.displacements(field.coordinates(points, 0), kpa).numpy()
+        polynomials = field._polynomials(kpa, 6).numpy()
+    # the turn of a place that moves as a polynomial of degree 5, by an angle of degree 2, is one of degree 7
+    assert np.einsum("pd,ndc->pnc", polynomials, field.nodal()) == pytest.approx(whole, abs=1e-3)
+
+    samples = some(data, 500)
+    made = replace(samples, displacements_mm=samples.displacements_mm)
+    with torch.no_grad():
+        moved = field(field.coordinates(made.points_mm, 0), torch.from_numpy(made.pressures_kpa)).numpy()
+    own = replace(samples, displacements_mm=moved)  # data that the network explains fully
+    assert np.abs(field.shifts_mm(own, np.arange(500) % 2 == 0)).max() < 1e-3
+    off = replace(own, displacements_mm=moved + np.array([0.1, 0.0]) * (samples.points_mm[:, :1] / 24))
+    assert np.abs(field.shifts_mm(off, np.arange(500) % 2 == 0) + (off.displacements_mm - moved)).max() < 1e-2
 
 
 def test_its_closed_form_needs_data(tmp_path: Path) -> None:
@@ -103,13 +246,32 @@ def test_its_closed_form_needs_data(tmp_path: Path) -> None:
         hybrid().fit(training(tmp_path, {"boundary": {}}))
 
 
+def test_a_guide_that_does_not_exist_is_refused_before_anything_is_simulated() -> None:
+    with pytest.raises(InputError, match="model.guide is 'rood'; choose one of calculix, rod, section, solid, none"):
+        hybrid(guide="rood").left_out({"data": plugin("loss", "data")()})
+
+
+def test_its_file_is_read_by_a_program_that_knows_no_finite_elements(
+    data: Snapshots, scene: Scene, tmp_path: Path
+) -> None:
+    surrogate = hybrid().fit(how(scene, some(data, 60), tmp_path))
+    assert surrogate.model["guide"] == "rod"
+    surrogate.save(tmp_path / "surrogate.pt")
+    robot = "import sys, pgdl_lab; print(pgdl_lab.load(sys.argv[1]).predict([[20.0, 0.0]], 10.0).tolist())"
+    done = subprocess.run(
+        [sys.executable, "-c", robot, str(tmp_path / "surrogate.pt")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == surrogate.predict([[20.0, 0.0]], 10.0).tolist()
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"inputs": 5}, "model.inputs is 5; the closed form has 1 to 4 modes"),
-        ({"correction_degree": 4}, "model.correction_degree is 4"),
-        ({"degree": 60}, "model.degree is 60; it must be below 48"),
-        ({"folds": 1}, "model.folds is 1; it must be at least 2"),
+        ({"correction_degree": 6}, "model.correction_degree is 6; it must not be above model.degree=5"),
+        ({"correction_degree": -1}, "model.correction_degree is -1"),
+        ({"degree": 0}, "model.degree is 0"),
+        ({"rounds": -1}, "model.rounds is -1"),
         ({"dtype": "float32"}, "model.dtype of hybrid is float64"),
         ({"patience": 0}, "model.patience is 0"),
     ],

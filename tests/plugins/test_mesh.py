@@ -1,5 +1,6 @@
 """A finger from a mesh file: the same body gives the same numbers, and what is no finger is refused in a sentence."""
 
+import os
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
@@ -209,12 +210,28 @@ def test_too_few_points_for_the_outline(tmp_path: Path) -> None:
         from_file(to_gmsh(small(), tmp_path / "a.msh")).face(5)
 
 
-def test_cache_goes_by_what_is_in_the_file(tmp_path: Path) -> None:
-    path = to_gmsh(small(), tmp_path / "a.msh")
+@pytest.mark.parametrize("suffix", ["msh", "xdmf"])
+def test_cache_goes_by_the_mesh_in_the_file_and_those_beside_it(tmp_path: Path, suffix: str) -> None:
+    path, write = tmp_path / f"a.{suffix}", to_gmsh if suffix == "msh" else to_vtu
+    write(small(), path)
     before = snapshot_path(tmp_path, from_file(path), solid(), FEW)
     assert snapshot_path(tmp_path, from_file(path), solid(), FEW) == before
-    to_gmsh(small().scaled(1.01), path)
+    written, stamp = path.read_bytes(), path.stat().st_mtime_ns
+    write(small().scaled(1.01), path)
+    if suffix == "xdmf":  # as where the other file alone was written again
+        os.utime(path, ns=(stamp, stamp))
+    assert (path.read_bytes() == written) == (suffix == "xdmf")  # its numbers lie in another file
     assert snapshot_path(tmp_path, from_file(path), solid(), FEW) != before
+
+
+def test_cache_knows_the_same_mesh_in_other_bytes(tmp_path: Path) -> None:
+    finger, written = from_file(tmp_path / "a.vtu"), []
+    for binary in (True, False):
+        raw = meshio.read(to_vtu(small(), tmp_path / "a.vtu"))
+        raw.cell_data["colour"] = [np.random.default_rng().random(len(block.data)) for block in raw.cells]
+        raw.write(tmp_path / "a.vtu", binary=binary)
+        written.append(((tmp_path / "a.vtu").read_bytes(), snapshot_path(tmp_path, finger, solid(), FEW)))
+    assert written[0][0] != written[1][0] and written[0][1] == written[1][1]
 
 
 def test_element_must_suit_the_cells(tmp_path: Path) -> None:

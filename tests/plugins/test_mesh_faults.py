@@ -1,9 +1,12 @@
 """Faults of mesh files that users have: put right and said, or refused in one sentence before anything is computed."""
 
 import re
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import meshio
 import numpy as np
 import pytest
@@ -233,6 +236,30 @@ def test_small_body_is_asked_about(tmp_path: Path) -> None:
     assert told.endswith("a.vtu is only 8 mm large: is its unit of length finger.unit=mm?")
     said = refusal(save(tmp_path / "b.vtu", points * 1e-3, cells, named))
     assert "is 0.04 × 0.012 × 0.012 mm large, which is no finger: finger.unit=m would make it a finger" in said
+
+
+# Files of others
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda file: file.create_dataset("more", (10**9,), "f8", chunks=(1000,)), "ask for 8,000,.* explain at most"),
+        (lambda file: file.update(more=h5py.ExternalLink("/etc/other.h5", "/x")), "'more' is a link to the file '/etc"),
+        (lambda file: file.create_dataset("more", (9,), "f8", external=[("/etc/passwd", 0, 72)]), "in other files"),
+        (lambda file: file.create_dataset("more", (9,), h5py.ref_dtype), "'more' holds objects"),
+    ],
+)
+def test_numbers_lie_in_the_file_or_beside_it(tmp_path: Path, change: Callable[[h5py.File], Any], words: str) -> None:
+    path = save(tmp_path / "a.xdmf", *plain())
+    whole = shutil.copytree(tmp_path, tmp_path / "whole")
+    assert from_file(whole / "a.xdmf").mesh(1.0).nelements == 66
+    other = path.read_text().replace("a.h5", "/tmp/a.h5")
+    (tmp_path / "b.xdmf").write_text(other)
+    assert "its numbers lie in another folder, in '/tmp/a.h5'" in refusal(tmp_path / "b.xdmf")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        change(file)
+    assert re.search(rf"a\.xdmf is not taken as a mesh: .*{words}", refusal(path))
 
 
 # Advice

@@ -13,7 +13,7 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.section import STATES, PlaneFinger
 from pgdl_lab.snapshots import Observation, Snapshots
-from tests.fingers import OBSERVATION, pneunet
+from tests.fingers import OBSERVATION, pneunet, solid
 
 
 def rung(name: str, **fields: Any) -> Fem:
@@ -54,6 +54,23 @@ def test_rod_is_the_solid_while_displacements_are_small() -> None:
         np.testing.assert_array_equal(ours.points, reference.points)
         tip = reference.base[-1]
         np.testing.assert_allclose(ours.displacements[0, tip, 1], reference.displacements[0, tip, 1], rtol=0.05)
+
+
+@pytest.mark.parametrize(("chambers", "told"), [(1, "is one segment"), (5, "has 5 segments"), (6, "")])
+def test_rod_warns_of_fingers_that_are_short(chambers: int, told: str, caplog: pytest.LogCaptureFixture) -> None:
+    rung("rod", edge_mm=6.0, interpolation_mm=1.0).simulate(
+        pneunet(chambers=chambers, max_kpa=1.0), Observation(1, 200)
+    )
+    short = [message for message in caplog.messages if "short for fem=rod" in message]
+    assert len(short) == bool(told) and all(told in message for message in short)
+
+
+def test_rod_of_two_segments_is_off_under_a_little_weight() -> None:
+    """By some 13 %, where five are within 5 %: it has to warn."""
+    body, seen = pneunet(gravity_m_s2=[0.0, -0.01], max_kpa=1e-6), Observation(1, 200)
+    fems = solid(element="hex27_p1", interpolation_mm=1.0), rung("rod", edge_mm=6.0, interpolation_mm=1.0)
+    exact, found = (result.displacements[0, result.base[-1]] for result in (fem.simulate(body, seen) for fem in fems))
+    assert 0.1 < np.linalg.norm(found - exact) / np.linalg.norm(exact) < 0.16
 
 
 def test_rod_side_face_has_no_steps_between_segments() -> None:

@@ -12,6 +12,7 @@ from pgdl_lab.learning.data import Samples
 from pgdl_lab.registry import discover, plugin
 from pgdl_lab.search import objectives
 from pgdl_lab.search.pruning import Pruning
+from pgdl_lab.search.report import mesh_error
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.trial import Ticket
@@ -53,3 +54,11 @@ def test_no_points_to_select_by_are_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no points to select by"):
         objectives.values(tmp_path, settings.directions, {})
     assert objectives.values(tmp_path, ["mse_mm2.x+mse_mm2.z"], {}) == [3.0]  # as studies of earlier versions ask
+
+
+def test_the_error_of_the_mesh_is_told_beside_what_no_trial_counts(tmp_path: Path) -> None:
+    assert "is not known" in mesh_error(tmp_path)
+    (tmp_path / "metrics.json").write_text('{"discretisation_error": {"kpa": 40.0, "tip_mm": 0.0434}}')
+    assert "the tip 0.043 mm elsewhere at 40 kPa on half the edges" in mesh_error(tmp_path)
+    (tmp_path / "metrics.json").write_text('{"discretisation_error": null}')
+    assert "is not known" in mesh_error(tmp_path)

@@ -1,7 +1,9 @@
 import optuna
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra_plugins.pgdl_optuna import PgdlOptunaSweeper
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.trial import FixedTrial
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.search.settings import SearchSettings
@@ -26,6 +28,17 @@ from pgdl_lab.search.space import parse
 def test_hydras_grammar_gives_optunas_distributions(typed: str, values: object) -> None:
     (parameter,) = parse({}, [typed]).parameters
     assert parameter.distribution == values
+
+
+@pytest.mark.parametrize("typed", ["choice({})", "{}"])
+def test_any_text_can_be_searched(typed: str) -> None:
+    texts = ["ä.vtu", "o'n.vtu", "a,b", "a;b c", "plain", "x<1", "3"]
+    elements = ",".join("'{}'".format(text.replace("'", "\\'")) for text in texts)
+    space = parse({}, ["finger.path=" + typed.format(elements)])
+    distribution = space.parameters[0].distribution
+    assert isinstance(distribution, CategoricalDistribution)
+    overrides = [space.suggest(FixedTrial({"finger.path": choice}))[0] for choice in distribution.choices]
+    assert [OverridesParser.create().parse_override(override).value() for override in overrides] == texts
 
 
 def test_a_setting_exists_only_under_its_condition_and_what_is_typed_counts_more() -> None:

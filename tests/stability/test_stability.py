@@ -3,14 +3,13 @@ import logging
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from pgdl_lab import paths, registry
+from pgdl_lab import paths, registry, sources
 from pgdl_lab.composing import experiment
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.mechanics import path
@@ -97,8 +96,7 @@ def test_the_page_lists_silent_failures_first_and_counts_all(tmp_path: Path) -> 
 
 def test_trials_are_made_once(tmp_path: Path) -> None:
     def plan(level: str, error: float) -> run.Planned:
-        stress = SimpleNamespace(axis="noise", level=level)
-        path = run._path(tmp_path, "learning", stress, "mlp", [1])
+        path = run._path(tmp_path, FINGER, learning.Stress("noise", level), "mlp", [1])
         return run.Planned("learning", "noise", level, "mlp", 0, path, attempting(error, warn=True))
 
     first, again, other = plan("5%", 0.01).trial(), plan("5%", 0.9).trial(), plan("1%", 0.9).trial()
@@ -107,17 +105,21 @@ def test_trials_are_made_once(tmp_path: Path) -> None:
     assert Trial.of(json.loads(next(iter(tmp_path.rglob("*.json"))).read_text())) in (first, other)
 
 
-def test_trials_count_the_code_of_their_own_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    stress = SimpleNamespace(axis="noise", level="5%")
-
-    def paths_of(part: str, method: str) -> list[Path]:
-        found = [run._path(tmp_path, part, stress, method, [1])]
-        with monkeypatch.context() as patch:
-            patch.setitem(run.CODE, "learning", (*run.CODE["learning"], "tracking.py"))
-            return [*found, run._path(tmp_path, part, stress, method, [1])]
-
-    assert len(set(paths_of("mechanics", "solid"))) == 1
-    assert len(set(paths_of("learning", "mlp"))) == 2
+@pytest.mark.parametrize(
+    ("part", "method", "module", "counts"),
+    [
+        ("mechanics", "rod", "pgdl_lab.stability.overlap", True),
+        ("mechanics", "rod", "pgdl_lab.mechanics.path", True),
+        ("mechanics", "rod", "pgdl_lab.stability.verdict", False),
+        ("learning", "mlp", "pgdl_lab.learning.module", True),
+        ("learning", "mlp", "pgdl_lab.mechanics.path", True),
+        ("learning", "mlp", "pgdl_lab.stability.truth", False),
+    ],
+)
+def test_trials_count_the_code_that_decides_how_they_end(part: str, method: str, module: str, counts: bool) -> None:
+    kind, attempt = run.PARTS[part]
+    files, _ = sources.reached([registry.plugin(kind, method), attempt, registry.plugin("fem", "solid")])
+    assert (module in files) == counts
 
 
 def test_every_axis_has_a_level_for_every_method_that_it_reaches() -> None:

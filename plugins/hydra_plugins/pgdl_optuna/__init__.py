@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pgdl_lab import sweep
 from pgdl_lab.folders import BEST
+from pgdl_lab.hydra_versions import register_resolver
 from pgdl_lab.registry import closest
 from pgdl_lab.search import calibration
 from pgdl_lab.search.settings import SearchSettings
@@ -53,8 +54,8 @@ class BestOfStudies(SearchPathPlugin):
             search_path.append("pgdl_lab", f"file://{BEST.parent}")
 
 
-OmegaConf.register_new_resolver("open_dimensions", calibration.dimensions, replace=True)
-OmegaConf.register_new_resolver("paper_extremes", calibration.targets, replace=True)
+register_resolver("open_dimensions", calibration.dimensions)
+register_resolver("paper_extremes", calibration.targets)
 
 _node = OmegaConf.structured(SearchSettings)
 OmegaConf.set_readonly(_node, None)
