@@ -370,7 +370,7 @@ def test_a_stopped_simulation_is_computed_once(converged: int, tmp_path: Path) -
             simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
         told.append(str(stop.value))
         pressures.append(stop.value.snapshots.pressures_kpa)
-    assert told[0] == TOLD[1] and told[0].endswith("-stopped.h5; delete it to try again.")
+    assert told[0] == told[1] and told[0].endswith("-stopped.h5; delete it to try again.")
     np.testing.assert_array_equal(*pressures)
     assert len(pressures[0]) == converged
     assert len((tmp_path / "notes").read_text().split()) == 1

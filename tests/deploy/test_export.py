@@ -53,7 +53,7 @@ def test_a_form_that_differs_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
 def test_other_files_are_no_plain_surrogates(tmp_path: Path) -> None:
     path = tmp_path / "surrogate.npz"
     np.savez(path, about=np.array([object()], dtype=object))
-    with pytest.raises(InputError, match="damaged or no plain surrogate"):
+    with pytest.raises(InputError, match=r"damaged or not a surrogate of pgdl_lab \('about' holds objects"):
         pgdl_lab.load(path)
     np.savez(path, about=np.array(json.dumps({"format": "another"})))
     with pytest.raises(InputError, match="is not a surrogate of pgdl_lab"):

@@ -7,10 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from skfem import MeshHex, MeshTet
 
+from pgdl_lab import registry
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.solid import InvertedElement, Solid
 
+registry.discover()
 KINDS = sorted(ELEMENTS)
 
 
@@ -37,10 +39,11 @@ def test_pressure_modes_are_orthonormal(kind: str) -> None:
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(gram.shape[1]), gram.shape), atol=1e-12)
 
 
+@pytest.mark.parametrize("law", ["yeoh", "mooney_rivlin"])  # of the first invariant, for which there is a shorter way
 @pytest.mark.parametrize("kind", KINDS)
-def test_forces_and_stiffness_against_differences(kind: str) -> None:
+def test_forces_and_stiffness_against_differences(kind: str, law: str) -> None:
     mesh = distorted(kind)
-    solid, random, step = Solid(mesh, Yeoh()), np.random.default_rng(1), 1e-6
+    solid, random, step = Solid(mesh, registry.plugin("material", law)()), np.random.default_rng(1), 1e-6
     at, direction = 0.01 * random.normal(size=mesh.positions.shape), random.normal(size=mesh.positions.shape)
     here = solid.response(at, stiffness=True)
     above, below = (solid.response(at + s * direction, stiffness=False) for s in (step, -step))
@@ -50,6 +53,32 @@ def test_forces_and_stiffness_against_differences(kind: str) -> None:
     change = (above.forces - below.forces) / (2 * step)
     np.testing.assert_allclose((here.stiffness @ local[..., None])[..., 0], change, atol=1e-6 * np.abs(change).max())
     np.testing.assert_allclose(here.stiffness, here.stiffness.transpose(0, 2, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_pressure_of_its_own(kind: str) -> None:
+    """What goes with homogeneous strain is K (det F − 1); another one does the work p dV, and has its stiffness."""
+    mesh, material = distorted(kind), Yeoh()
+    solid, random, step, ones = Solid(mesh, material), np.random.default_rng(1), 1e-5, np.ones_like(mesh.weights)
+    gradient = np.array([[0.3, 0.2, -0.1], [0.0, -0.1, 0.25], [0.1, 0.0, 0.05]])
+    dilatation = np.linalg.det(np.eye(3) + gradient) - 1
+    at, direction = mesh.positions @ gradient.T, random.normal(size=mesh.positions.shape)
+    known = material.bulk_modulus_mpa * dilatation * ones
+    np.testing.assert_allclose(solid.pressure(at), known, rtol=1e-9)
+    whole, given = (solid.response(at, stiffness=True, pressure=pressure) for pressure in (None, known))
+    np.testing.assert_allclose(given.forces, whole.forces, atol=1e-12)
+
+    def volume(displacement: NDArray[np.float64]) -> float:
+        f = np.einsum("eai,eajq->eqij", displacement[mesh.nodes], mesh.gradients) + np.eye(3)
+        return float((mesh.weights * np.linalg.det(f)).sum())
+
+    more = solid.response(at, stiffness=True, pressure=known + 0.1 * ones)
+    local = direction[mesh.nodes].reshape(more.forces.shape)
+    before, here, after = (volume(at + s * direction) for s in (-step, 0.0, step))
+    assert ((more.forces - given.forces) * local).sum() == pytest.approx(0.1 * (after - before) / (2 * step), rel=1e-6)
+    assert more.stiffness is not None and given.stiffness is not None
+    bent = np.einsum("ei,eij,ej->", local, more.stiffness - given.stiffness, local)
+    assert bent == pytest.approx(0.1 * (after - 2 * here + before) / step**2, rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", KINDS)

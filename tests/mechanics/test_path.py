@@ -34,12 +34,14 @@ class ClosedForm:
     size: float = 0.1
     order: int = 1
     solved: list[float] = field(default_factory=list)
+    tried: int = 0
 
     def exact(self, x: float) -> Array:
         arc = 50 * np.array([[np.sin(x / 20), 0.0, np.cos(x / 20)]])
         return arc + self.size * max(0.0, x - self.kink) ** self.order
 
     def solve(self, start: Array, parameter: float) -> Solution:
+        self.tried += 1
         if parameter > self.ends or np.abs(start - self.exact(parameter)).max() > self.reach_mm:
             raise NoConvergence
         self.solved.append(parameter)
@@ -74,6 +76,18 @@ def test_step_is_cut_where_newton_fails() -> None:
     assert branch.parameters[-1] == 50
     assert branch.parameters[1] < 25
     assert told == branch.parameters[1:]  # nothing that was not reached
+
+
+def test_what_lies_before_a_kink_does_not_mislead_the_steps_after_it() -> None:
+    """Guesses from few equilibria take over: from four throughout it takes 380 solves, 60 more."""
+    random, tried = np.random.default_rng(0), 0
+    for _ in range(20):
+        kink, size = random.uniform(5, 45), 10 ** random.uniform(-1, 1) * random.choice([-1, 1])
+        leg = ClosedForm(kink=kink, size=size, reach_mm=1.0)
+        branch = follow(leg, leg.exact(0), 50.0, 2.0, lambda _: None)
+        assert branch.parameters[-1] == 50
+        tried += leg.tried
+    assert tried < 340
 
 
 def test_equilibria_gather_at_a_kink() -> None:
