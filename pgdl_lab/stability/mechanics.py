@@ -120,7 +120,7 @@ def attempt(stress: Stress, name: str, heard: Heard) -> Result:
     """Simulate; raises LabError where the model stops."""
     model: Any = plugin("fem", name)
     known = field_names("fem", name)
-    asked = {"edge_mm": EDGE_MM, "timeout_s": 30.0, **stress.fields}
+    asked = {"edge_mm": EDGE_MM, "timeout_s": 600.0, **stress.fields}
     fem: Fem = model(**{key: value for key, value in asked.items() if key in known})
     with heard, stress.meddle():
         found = fem.simulate(stress.finger, OBSERVATION)

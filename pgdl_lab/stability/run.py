@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -115,19 +116,19 @@ def planned(settings: StabilitySettings, quick: bool, folder: Path) -> list[Plan
         def data(scene: str) -> Snapshots:
             return _simulated(scenes[scene], folder)
 
-        for training in learning.stresses(quick):
+        tries = product(range(settings.seeds), learning.stresses(quick))  # a map with fewer seeds comes first
+        for seed, training in tries:
             for name in learning.models(training):
-                for seed in range(settings.seeds):
-                    what = [asdict(training), describe(scenes[training.data]), seed, settings.updates]
-                    path = _path(folder, finger, training, name, what)
+                what = [asdict(training), describe(scenes[training.data]), seed, settings.updates]
+                path = _path(folder, finger, training, name, what)
 
-                    def learn(
-                        heard: Heard, training: learning.Stress = training, name: str = name, seed: int = seed
-                    ) -> Result:
-                        scene, updates = training.data, settings.updates
-                        return learning.attempt(training, name, data(scene), scenes[scene], seed, updates, heard)
+                def learn(
+                    heard: Heard, training: learning.Stress = training, name: str = name, seed: int = seed
+                ) -> Result:
+                    scene, updates = training.data, settings.updates
+                    return learning.attempt(training, name, data(scene), scenes[scene], seed, updates, heard)
 
-                    found.append(Planned("learning", training.axis, training.level, name, seed, path, learn))
+                found.append(Planned("learning", training.axis, training.level, name, seed, path, learn))
     return found
 
 
