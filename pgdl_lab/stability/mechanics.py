@@ -1,7 +1,8 @@
 """Finite-element models under stress: load steps, incompressibility, thin walls, gravity, pressure, meshes, contact.
 
-Each trial is compared with the solid on half the edges in the same scene. Where that finds no equilibrium, a model that
-finds one without a word is wrong.
+Each trial is compared with the truth of its scene (`pgdl_lab.stability.truth`): its displacement with that of the whole
+body on a finer mesh, what it says of its mesh with the true error at the tip, and its elements with each other, where
+there are any, to see whether they overlap. Where the truth has no equilibrium, a model that finds one is wrong.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,18 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from pgdl_lab.errors import LabError
 from pgdl_lab.fem import Fem
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics import calculix_deck, finite_strain, path
+from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.registry import field_names, names, plugin
 from pgdl_lab.snapshots import Observation, Snapshots
-from pgdl_lab.stability.outcome import Result
+from pgdl_lab.stability import truth
+from pgdl_lab.stability.outcome import CONTACT, GOOD, UNSTABLE, WIDE, Bar, Heard, Result
+from pgdl_lab.stability.overlap import overlaps
+from pgdl_lab.stability.truth import Truth, truth_of
 
 OBSERVATION = Observation(snapshots=4, points=300)
 EDGE_MM = 6.0
 MAX_KPA = 20.0
 WRONG_WITHOUT_EQUILIBRIUM = 1.0  # relative error of a result where there is none to compare with
+END = 1e-6  # of the length: nodes so near to the largest x are the end of the finger
+SOFT = Yeoh(c1_mpa=0.004, c2_mpa=0.0)
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,10 @@ class Stress:
         The finger that tells the truth, where that is not `finger`.
     needs
         The field of models that the stress reaches; the others would only repeat a trial.
+    edge_mm
+        Those of the finer mesh of the truth [mm].
+    contact
+        Contact in it: "auto", or "on" where it is what the stress is about.
     """
 
     axis: str
@@ -53,6 +63,8 @@ class Stress:
     meddle: Callable[[], AbstractContextManager[None]] = nullcontext
     even: Finger | None = None
     needs: str = ""
+    edge_mm: float = truth.EDGE_MM
+    contact: str = "auto"
 
 
 def stresses(finger: Finger, quick: bool) -> Iterator[Stress]:
@@ -84,7 +96,14 @@ def stresses(finger: Finger, quick: bool) -> Iterator[Stress]:
     touching = _changed(finger, wall_mm=1.5, gap_mm=0.3, max_kpa=1.25 * MAX_KPA)
     for mode in levels("on", "as it is set", "off"):
         given = {} if mode == "as it is set" else {"contact": mode}
-        yield Stress("contact sets in", mode, touching, given, needs=next(iter(given), ""))
+        yield Stress("contact sets in", mode, touching, given, needs=next(iter(given), ""), contact="on")
+    for high, mode in levels((4.0, ""), (1.2, ""), (1.2, "off")):
+        level, given = f"{high:g} mm high{mode and ', contact off'}", {"contact": mode} if mode else {}
+        scene, needs = _low(finger, high), next(iter(given), "")
+        yield Stress("ceiling on floor", level, scene, given, needs=needs, edge_mm=2 * truth.EDGE_MM, contact="on")
+    for chambers, gravity in levels((2, 30.0), (2, 100.0), (2, 400.0), (10, 30.0)):
+        level, edge = f"{chambers} chambers, {gravity:g} m/s²", truth.EDGE_MM if chambers == 2 else 2 * truth.EDGE_MM
+        yield Stress("leans sideways", level, _narrow(finger, chambers, gravity), {}, edge_mm=edge)
     for told, stretch, size in levels(
         ("as it is", 1.0, 0.0), ("the last equilibrium", 0.0, 0.0), ("too far by half", 1.5, 0.0),
         ("0.03 mm off", 1.0, 0.03), ("0.3 mm off", 1.0, 0.3), ("1 mm off", 1.0, 1.0),
@@ -97,19 +116,51 @@ def models(stress: Stress) -> list[str]:
     return [name for name in names("fem") if not stress.needs or stress.needs in field_names("fem", name)]
 
 
-def attempt(stress: Stress, name: str) -> Result:
+def attempt(stress: Stress, name: str, heard: Heard) -> Result:
     """Simulate; raises LabError where the model stops."""
     model: Any = plugin("fem", name)
     known = field_names("fem", name)
-    asked = {"edge_mm": EDGE_MM, "timeout_s": 30.0, **stress.fields}
+    asked = {"edge_mm": EDGE_MM, "timeout_s": 600.0, **stress.fields}
     fem: Fem = model(**{key: value for key, value in asked.items() if key in known})
-    with stress.meddle():
+    with heard, stress.meddle():
         found = fem.simulate(stress.finger, OBSERVATION)
-    truth = reference(_Same(stress.even or stress.finger))
-    if truth is None:
-        return Result(WRONG_WITHOUT_EQUILIBRIUM)
-    size = np.linalg.norm(truth.displacements[-1], axis=1).max()
-    return Result(float(np.linalg.norm(found.displacements[-1] - truth.displacements[-1], axis=1).max() / size))
+    return judged(found, stress)
+
+
+def judged(found: Snapshots, stress: Stress) -> Result:
+    """What is wrong with a simulation of the scene of a stress, by its truth."""
+    finger = stress.even or stress.finger
+    true = reference(_Same(finger), stress.edge_mm, stress.contact)
+    if true is None:
+        return Result(WRONG_WITHOUT_EQUILIBRIUM, (UNSTABLE,))
+    error = _error(found, float(finger.face(OBSERVATION.points).y_mm), true)
+    crossed = true.fine.touches and error > GOOD if found.body is None else overlaps(found.body)
+    stated = found.provenance.get("discretisation_error")
+    bars = (_mesh_bar(found, stated["tip_mm"], true),) if stated and not crossed else ()
+    causes = [cause for cause, is_so in ((UNSTABLE, true.unstable), (CONTACT, crossed)) if is_so]
+    return Result(error, tuple(causes), bars)
+
+
+def _error(found: Snapshots, y_mm: float, true: Truth) -> float:
+    """Largest error of the side face, and of the way across of the tip, relative to the largest displacement."""
+    x, z = found.points.T
+    face = true.at(np.stack([x, np.full_like(x, y_mm), z], axis=1))[:, [0, 2]]
+    tip = np.insert(found.points[found.base[-1]], 1, 0.0)  # in the plane of symmetry
+    across, own = true.at(tip[None])[0, 1], 0.0
+    if found.body is not None:
+        own = found.body.displacements[-1][np.linalg.norm(found.body.positions - tip, axis=1).argmin(), 1]
+    size = max(np.linalg.norm(face, axis=1).max(), abs(across))
+    return float(max(np.linalg.norm(found.displacements[-1] - face, axis=1).max(), abs(own - across)) / size)
+
+
+def _mesh_bar(found: Snapshots, stated_mm: float, true: Truth) -> Bar:
+    """The stated change at the tip against the true error there, of the equilibrium that it was stated of."""
+    assert found.body is not None
+    x = found.body.positions[:, 0]
+    end = x >= x.max() - END * np.ptp(x)
+    errors = np.linalg.norm(found.body.displacements[-1][end] - true.fine.at(found.body.positions[end]), axis=1)
+    ratio = float(errors.max() / stated_mm)
+    return Bar("mesh", ratio <= WIDE, float((errors <= WIDE * stated_mm).mean()), ratio, ratio)
 
 
 @dataclass(frozen=True)
@@ -123,20 +174,28 @@ class _Same:
 
 
 @cache
-def reference(key: _Same) -> Snapshots | None:
-    """The solid on half the edges, or None if it finds no equilibrium."""
-    solid: Any = plugin("fem", "solid")
-    try:
-        found: Snapshots = solid(edge_mm=EDGE_MM / 2, estimate_error=False).simulate(key.finger, OBSERVATION)
-    except LabError:
-        return None
-    return found
+def reference(key: _Same, edge_mm: float, contact: str) -> Truth | None:
+    """The truth of a finger, found once."""
+    return truth_of(key.finger, edge_mm, contact)
 
 
 def _changed(finger: Finger, **changes: Any) -> Finger:
     """`finger` with other fields, as far as it has them."""
     given: Any = finger
     return replace(given, **{key: value for key, value in changes.items() if hasattr(finger, key)})
+
+
+def _low(finger: Finger, high_mm: float) -> Finger:
+    """`finger` with one chamber, wide, 40 mm long and `high_mm` high, of a rubber so soft that its ceiling sags."""
+    flat = {"channel_mm": high_mm / 4, "bridge_mm": high_mm / 4, "height_mm": high_mm + 1.5, "wall_mm": 1.5}
+    wide = {"chambers": 1, "chamber_length_mm": 40.0, "width_mm": 24.0, "side_wall_mm": 2.0, "base_mm": 10.0}
+    return replace(_changed(finger, **flat, **wide, max_kpa=1e-3), material=SOFT)
+
+
+def _narrow(finger: Finger, chambers: int, gravity_m_s2: float) -> Finger:
+    """`finger`, narrow and high, so that it tips over under `gravity_m_s2` sooner than it bends."""
+    shape = {"width_mm": 6.0, "side_wall_mm": 1.5, "height_mm": 30.0, "base_mm": 12.0, "max_kpa": 1.0}
+    return _changed(finger, chambers=chambers, gravity_m_s2=[0.0, -gravity_m_s2], **shape)
 
 
 def distorted(finger: Finger, share: float) -> Finger:

@@ -1,4 +1,4 @@
-"""How a trial ended, counted by method and axis.
+"""How a trial ended: its error, what is truly wrong with it, what it said, and whether the numbers it stated hold.
 
 The thresholds below were set before any trial was looked at.
 """
@@ -6,7 +6,8 @@ The thresholds below were set before any trial was looked at.
 import math
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +20,69 @@ GOOD = 0.05
 """Largest error of a success: of the largest displacement (finite elements), of its root mean square (learning)."""
 STALLED = 0.5
 """A learnt model that errs more than this has learnt next to nothing."""
+WIDE = 2.0
+"""The true error may be so many times as large as a stated change from one mesh to the next: that is at least half the
+error where errors shrink with the edge or faster. A warning of a change so many times too large is a false alarm."""
+COVERED = 0.9
+"""Least share of the errors within bars that promise 95 %: those of one field rise and fall together."""
 MODES = ("ok", "wrong", "stalled", "refused", "stopped", "not a number", "crashed")
 """With a sentence `refused` ended before it began and `stopped` on the way; `crashed` is an error nobody expected."""
+
+UNSTABLE, CONTACT, ACCURACY, TRAINING, DATA, RANGE = "unstable", "contact", "accuracy", "training", "data", "range"
+CAUSES = {
+    UNSTABLE: "the body gives way",
+    CONTACT: "surfaces pass through each other",
+    ACCURACY: "mesh or model are too coarse",
+    TRAINING: "the training points were not learnt",
+    DATA: "too few or too noisy points",
+    RANGE: "asked beyond the trained pressures",
+}
+"""What can truly be wrong with a result, in words."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A number by which a method says how far it may be off, and the truth.
+
+    Attributes
+    ----------
+    what
+        "mesh" (the change on a mesh with half the edges) or "95 %" (the error bar of a surrogate).
+    holds
+        Whether the errors are what it says.
+    coverage
+        Share of the errors that lie within it.
+    ratio
+        What it must be multiplied by to be right: the true error of a mesh over the stated one; the factor with which
+        error bars cover 95 % of the errors.
+    worst
+        Largest error over its bar.
+    """
+
+    what: str
+    holds: bool
+    coverage: float
+    ratio: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a trial returned, measured against the truth.
+
+    Attributes
+    ----------
+    error
+        Relative error.
+    causes
+        What is truly wrong, of `CAUSES`, as far as it was measured.
+    bars
+        The numbers that the method stated.
+    """
+
+    error: float
+    causes: tuple[str, ...] = ()
+    bars: tuple[Bar, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -33,56 +95,89 @@ class Trial:
         "mechanics" or "learning".
     axis, level
         The stress and how hard it was.
-    method
+    method, seed
         What was tried.
     mode
         One of `MODES`.
     error
         Relative error; None where there is no result.
+    causes, bars
+        See `Result`.
     told
-        The warning or sentence that came with it; empty: nothing was said.
+        What it warned of; where there is no result, the sentence that it ended with.
     seconds
-        How long it took [s].
+        How long it took, without finding the truth [s].
     """
 
     part: str
     axis: str
     level: str
     method: str
+    seed: int
     mode: str
     error: float | None
-    told: str
+    causes: tuple[str, ...]
+    bars: tuple[Bar, ...]
+    told: tuple[str, ...]
     seconds: float
 
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "Trial":
+        """From what `dataclasses.asdict` made of one, by way of JSON."""
+        bars = tuple(Bar(**bar) for bar in record["bars"])
+        return cls(**{**record, "causes": tuple(record["causes"]), "told": tuple(record["told"]), "bars": bars})
+
+
+class Heard:
+    """What the lab warns of while it is entered.
+
+    Attributes
+    ----------
+    seconds
+        How long that took [s].
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._logged: list[str] = []
+        self._caught: list[warnings.WarningMessage] = []
+
+    def __enter__(self) -> "Heard":
+        self._began, self._open = time.perf_counter(), ExitStack()
+        self._logged = self._open.enter_context(heard())
+        caught = self._open.enter_context(warnings.catch_warnings(record=True))
+        self._caught = [] if caught is None else caught
+        warnings.simplefilter("ignore")  # of libraries: not written for the user of the lab
+        warnings.simplefilter("always", Outside)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+        self.seconds = time.perf_counter() - self._began
+
     @property
-    def silent(self) -> bool:
-        """Whether it gave a wrong result without a word: the worst of all outcomes."""
-        return self.mode in ("wrong", "stalled", "not a number") and not self.told
+    def sentences(self) -> tuple[str, ...]:
+        """Each warning once."""
+        return tuple(dict.fromkeys([*self._logged, *(str(each.message) for each in self._caught)]))
 
 
-@dataclass(frozen=True)
-class Result:
-    """What a trial returned: its relative error, and what the method itself said of it in numbers."""
-
-    error: float
-    told: str = ""
+Attempt = Callable[[Heard], Result]
+"""Enters what hears the warnings for as long as the method works, and leaves it before the truth is looked for."""
 
 
-def tried(part: str, axis: str, level: str, method: str, attempt: Callable[[], Result]) -> Trial:
+def tried(part: str, axis: str, level: str, method: str, attempt: Attempt, seed: int = 0) -> Trial:
     """Make an attempt, whatever comes of it."""
-    began = time.perf_counter()
+    hearing, result = Heard(), Result(math.nan)
+    told: tuple[str, ...]
     try:
-        with heard() as sentences, warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("ignore")  # of libraries: not written for the user of the lab
-            warnings.simplefilter("always", Outside)
-            result = attempt()
-        told = result.told or "; ".join([*sentences, *(str(warning.message) for warning in caught)])
-        mode, error = _mode(part, result.error), result.error if math.isfinite(result.error) else None
+        result = attempt(hearing)
+        mode, told = _mode(part, result.error), hearing.sentences
     except LabError as problem:
-        mode, error, told = "refused" if isinstance(problem, InputError) else "stopped", None, sentence(problem)
+        mode, told = "refused" if isinstance(problem, InputError) else "stopped", (sentence(problem),)
     except Exception as problem:  # the very thing that is looked for
-        mode, error, told = "crashed", None, f"{type(problem).__name__}: {problem}"
-    return Trial(part, axis, level, method, mode, error, told, time.perf_counter() - began)
+        mode, told = "crashed", (f"{type(problem).__name__}: {problem}",)
+    error = result.error if math.isfinite(result.error) else None
+    return Trial(part, axis, level, method, seed, mode, error, result.causes, result.bars, told, hearing.seconds)
 
 
 def _mode(part: str, error: float) -> str:
@@ -103,38 +198,9 @@ def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-@dataclass(frozen=True)
-class Cell:
-    """All trials of one method along one axis."""
-
-    trials: Sequence[Trial]
-
-    @property
-    def ok(self) -> int:
-        """Number of successes."""
-        return sum(trial.mode == "ok" for trial in self.trials)
-
-    @property
-    def silent(self) -> int:
-        """Number of silent failures."""
-        return sum(trial.silent for trial in self.trials)
-
-    def record(self) -> dict[str, Any]:
-        """For the map: counts by mode, the rate with its interval, the median error of the successes."""
-        errors = sorted(trial.error for trial in self.trials if trial.mode == "ok" and trial.error is not None)
-        first = self.trials[0]
-        low, high = wilson(self.ok, len(self.trials))
-        return {
-            "part": first.part, "method": first.method, "axis": first.axis, "trials": len(self.trials),
-            "success_rate": self.ok / len(self.trials), "from": low, "to": high,
-            "median_error": errors[len(errors) // 2] if errors else None, "silently_wrong": self.silent,
-            **{mode: sum(trial.mode == mode for trial in self.trials) for mode in MODES},
-        }  # fmt: skip
-
-
-def cells(trials: Sequence[Trial]) -> dict[tuple[str, str], Cell]:
-    """Cells by method and axis, in the order of the trials."""
+def cells(trials: Sequence[Trial]) -> dict[tuple[str, str], list[Trial]]:
+    """Trials by method and axis, in their order."""
     found: dict[tuple[str, str], list[Trial]] = {}
     for trial in trials:
         found.setdefault((trial.method, trial.axis), []).append(trial)
-    return {key: Cell(group) for key, group in found.items()}
+    return found

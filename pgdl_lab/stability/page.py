@@ -1,125 +1,116 @@
-"""The failure map: one figure and one page to read, silent failures first."""
+"""The failure map as a page to read: what went wrong without a word first."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from pgdl_lab.files import replacing
-from pgdl_lab.stability.outcome import GOOD, MODES, STALLED, Cell, Trial, cells
+from pgdl_lab.stability.claims import NUMBER, UNKNOWN, claim
+from pgdl_lab.stability.figure import PARTS
+from pgdl_lab.stability.outcome import CAUSES, COVERED, GOOD, MODES, STALLED, WIDE, Trial, cells
+from pgdl_lab.stability.verdict import BAR, CRASH, MEANING, OUTCOMES, SILENT, counts, judge
 
-PARTS = ("mechanics", "learning")
-REFUSED = "0.8"  # colour of a cell whose trials were all refused
-NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
+LISTED = 12  # trials of a kind; of more, how many there are
+HOW = f"""
+A right result errs by at most {GOOD:.0%}; a surrogate that errs by more than {STALLED:.0%} has stalled.
+A warning counts only if it says what is wrong: every cause that was measured must be named. What is warned of and is
+not there is a false alarm. A number that a method states counts by whether it holds, whatever else was said: of the
+change on a mesh with half the edges, that the true error at the tip is at most {WIDE:g} times as large; of error bars
+that promise 95 %, that they cover at least {COVERED:.0%} of the errors, at points which no model has seen. Nothing
+is left out: a trial that gave no result or crashed counts as such.
 
-
-def draw(trials: Sequence[Trial], path: Path) -> None:
-    """Write the map as a PNG: methods by axes, the colour is the success rate, a red frame marks silent failures."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    found = cells(trials)
-    parts = [part for part in PARTS if any(trial.part == part for trial in trials)]
-    listed = {part: _names([trial for trial in trials if trial.part == part]) for part in parts}
-    rows = [len(methods) for _, methods in listed.values()]
-    figure, panels = plt.subplots(
-        len(parts), 1, figsize=(12, 1.2 * len(parts) + 0.6 * sum(rows)), layout="constrained", squeeze=False,
-        height_ratios=rows,
-    )  # fmt: skip
-    for panel, part in zip(panels[:, 0], parts, strict=True):
-        _map(panel, {key: cell for key, cell in found.items() if cell.trials[0].part == part}, *listed[part])
-        panel.set_title(
-            f"{part}: successes of trials and their median error; how the others ended", loc="left", fontsize=10
-        )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=140)
-    plt.close(figure)
-
-
-def _names(trials: Sequence[Trial]) -> tuple[list[str], list[str]]:
-    """Axes and methods, in the order of the trials and by name."""
-    return list(dict.fromkeys(trial.axis for trial in trials)), sorted({trial.method for trial in trials})
-
-
-def _map(panel: Any, found: dict[tuple[str, str], Cell], axes: list[str], methods: list[str]) -> None:
-    from matplotlib import colormaps
-    from matplotlib.patches import Rectangle
-
-    colours = colormaps["RdYlGn"]
-    for (method, axis), cell in found.items():
-        record, x, y = cell.record(), axes.index(axis), methods.index(method)
-        refused = record["refused"] == len(cell.trials)
-        colour = REFUSED if refused else colours(0.15 + 0.7 * record["success_rate"])
-        panel.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, color=colour, lw=0))
-        if cell.silent:
-            panel.add_patch(Rectangle((x - 0.46, y - 0.44), 0.92, 0.88, fill=False, ec="red", lw=2.5, zorder=3))
-        text = f"{cell.ok}/{len(cell.trials)}"
-        text += f", {record['median_error']:.1%}" if record["median_error"] is not None else ""
-        text += "".join(f"\n{record[mode]} {mode}" for mode in MODES[1:] if record[mode])
-        text += f"\n{cell.silent} SILENT" if cell.silent else ""
-        panel.text(x, y, text, ha="center", va="center", fontsize=7.5, linespacing=1.1)
-    panel.set(xlim=(-0.5, len(axes) - 0.5), ylim=(len(methods) - 0.5, -0.5))
-    panel.set_xticks(range(len(axes)), [axis.replace(" ", "\n", 1) for axis in axes], fontsize=8)
-    panel.set_yticks(range(len(methods)), methods, fontsize=9)
-    panel.spines[:].set_visible(False)
-    panel.tick_params(length=0)
+Finite elements are compared with half the body on a mesh of 2.2 mm (4.4 mm for the ceiling and for ten chambers), and
+with the whole body on one of 4.4 mm, which a pull across of 1/10,000 of its weight lets lean; errors are relative to
+the largest displacement. Whether surfaces pass through each other is seen from elements that overlap, not from contact.
+Surrogates are compared with the simulation that they learnt from, relative to the root mean square of its displacement;
+what is wrong is told by where they err: at the training points, between them, or beyond their pressures.
+"""
 
 
 def write_page(trials: Sequence[Trial], head: Sequence[str], path: Path) -> None:
     """Write the page as Markdown; `head` are lines that say how the trials were made."""
-    silent = [trial for trial in trials if trial.silent]
-    lines = [
-        "# Failure map",
-        "",
-        *head,
-        "",
-        f"A success errs by at most {GOOD:.0%}; a learnt model that errs by more than {STALLED:.0%} has stalled. What",
-        "errs more and was given without a warning is silently wrong. What is not possible is refused (grey). An empty",
-        "field: the stress does not reach the method. Intervals are Wilson's, of 95 %.",
-        "",
-        "![Successes of every method under every stress](figures/stability.png)",
-        "",
-        f"## Silently wrong: {len(silent)} of {len(trials)} trials",
-        "",
-    ]
-    lines += [
-        f"- **{trial.method}**, {trial.axis}, {trial.level}: {trial.mode}"
-        + (f", errs by {trial.error:.1%}" if trial.error is not None else "")
-        for trial in silent
-    ] or ["None."]
-    lines += ["", "## Methods", "", f"| method | trials | {' | '.join(MODES)} | silently |", "| --- " * 10 + "|"]
-    for part in PARTS:
-        for method in _names([trial for trial in trials if trial.part == part])[1]:
-            ours = Cell([trial for trial in trials if (trial.part, trial.method) == (part, method)])
-            counts = [str(ours.record()[mode]) for mode in MODES]
-            lines.append(f"| {method} | {len(ours.trials)} | {' | '.join(counts)} | {ours.silent} |")
-    lines += ["", "## Success rates", "", "| method | axis | successes | 95 % | median error | how the others ended |"]
-    lines += ["| --- | --- | --- | --- | --- | --- |"]
-    for (method, axis), cell in cells(trials).items():
-        record = cell.record()
-        error = "–" if record["median_error"] is None else f"{record['median_error']:.2%}"
-        told = ", ".join(f"{record[mode]} {mode}" for mode in MODES[1:] if record[mode])
-        told += f" ({cell.silent} without a word)" if cell.silent else ""
-        interval = f"{record['from']:.0%} … {record['to']:.0%}"
-        lines.append(f"| {method} | {axis} | {cell.ok} of {len(cell.trials)} | {interval} | {error} | {told} |")
-    lines += ["", "## What was said where a method did not succeed", ""]
-    lines += [f"- {line}" for line in _said(trials)]
+    lines = ["# Failure map", "", *head, *HOW.splitlines(), ""]
+    lines += ["![How honest each method was under each stress](figures/stability.png)", ""]
+    for outcome in (SILENT, BAR, CRASH):
+        lines += [*_listed(outcome, trials), ""]
+    lines += ["## Methods", "", *_table(trials, lambda each: (each.method,)), ""]
+    lines += ["## Stresses", "", *_table(trials, lambda each: (each.method, each.axis)), ""]
+    lines += ["## How each result ended, whatever was said", "", *_ends(trials), ""]
+    lines += ["## What was said, and whether it was so", "", *_said(trials)]
     with replacing(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _said(trials: Sequence[Trial]) -> list[str]:
-    """Each message once, the most frequent first, with the methods that gave it; numbers are those of the first."""
-    alike: dict[str, list[Trial]] = {}
+def _listed(outcome: str, trials: Sequence[Trial]) -> list[str]:
+    found = [(trial, judge(trial)) for trial in trials if judge(trial).outcome == outcome]
+    lines = [f"## {outcome[0].upper()}{outcome[1:]}: {len(found)} of {len(trials)} trials", ""]
+    lines += [f"It {MEANING[outcome]}.", ""]
+    groups: dict[tuple[str, str, str], list[Trial]] = {}
+    for trial, verdict in found:
+        what = ", ".join(CAUSES[cause] for cause in verdict.unnamed) if outcome == SILENT else ""
+        groups.setdefault((trial.method, trial.axis, what), []).append(trial)
+    ordered = sorted(groups.items(), key=lambda group: -len(group[1]))
+    for (method, axis, what), group in ordered[:LISTED]:
+        levels = "; ".join(dict.fromkeys(trial.level for trial in group))
+        errors = [trial.error for trial in group if trial.error is not None]
+        ratios = [bar.worst for trial in group for bar in trial.bars if not bar.holds]
+        told = f"; errs by up to {max(errors):.1%}" if errors else ""
+        told += f"; the worst error is {max(ratios):.3g} times what was stated" if outcome == BAR else ""
+        told += f"; {group[0].told[0]}" if outcome == CRASH else ""
+        lines.append(f"- {len(group)} × **{method}**, {axis} ({levels}){': ' if what else ''}{what}{told}")
+    if more := sum(len(group) for _, group in ordered[LISTED:]):
+        lines.append(f"- and {more} more, see the table of stresses")
+    return lines if found else [*lines[:2], "None."]
+
+
+def _table(trials: Sequence[Trial], key: Callable[[Trial], tuple[str, ...]]) -> Iterable[str]:
+    groups: dict[tuple[str, ...], list[Trial]] = {}
+    for part in PARTS:
+        for trial in sorted((each for each in trials if each.part == part), key=lambda each: each.method):
+            groups.setdefault(key(trial), []).append(trial)
+    names = ("method", "stress")[: len(next(iter(groups)))]
+    yield (
+        f"| {' | '.join(names)} | trials | {' | '.join(OUTCOMES)} | with a false alarm | bars that hold | "
+        "median ratio | worst ratio | least coverage | median error when right |"
+    )
+    yield "| --- " * (len(names) + 1 + len(OUTCOMES) + 6) + "|"
+    for name, group in groups.items():
+        row = counts(group)
+        bars = f"{row['bars that hold']} of {row['bars']}" if row["bars"] else "–"
+        numbers = [_number(row["median ratio"], "{:.2g}"), _number(row["worst ratio"], "{:.3g}")]
+        numbers += [_number(row["least coverage"], "{:.0%}"), _number(row["median error"], "{:.2%}")]
+        outcomes = " | ".join(str(row[outcome]) for outcome in OUTCOMES)
+        yield (
+            f"| {' | '.join(name)} | {row['trials']} | {outcomes} | {row['with a false alarm']} | {bars} | "
+            f"{' | '.join(numbers)} |"
+        )
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None else form.format(value)
+
+
+def _ends(trials: Sequence[Trial]) -> Iterable[str]:
+    yield f"| method | stress | right | 95 % | {' | '.join(MODES)} |"
+    yield "| --- " * (4 + len(MODES)) + "|"
+    for (method, axis), group in cells(trials).items():
+        row = counts(group)
+        right = row["right"] + row["right, false alarm"]
+        ends = " | ".join(str(row[f"mode {mode}"]) for mode in MODES)
+        yield f"| {method} | {axis} | {right} of {len(group)} | {row['from']:.0%} … {row['to']:.0%} | {ends} |"
+
+
+def _said(trials: Sequence[Trial]) -> Iterable[str]:
+    """Each warning once, the most frequent first; numbers are those of the first."""
+    alike: dict[str, list[tuple[Trial, str]]] = {}
     for trial in trials:
-        if trial.mode != "ok" and trial.told:
-            alike.setdefault(NUMBER.sub("#", trial.told), []).append(trial)
-    groups = sorted(alike.values(), key=lambda group: -len(group))
-    return [
-        f"{len(group)} × {', '.join(sorted({trial.method for trial in group}))} (first: {group[0].axis}, "
-        f"{group[0].level}; {group[0].mode}): {group[0].told}"
-        for group in groups
-    ]
+        for sentence in trial.told:
+            alike.setdefault(re.sub(NUMBER, "#", sentence), []).append((trial, sentence))
+    for group in sorted(alike.values(), key=lambda group: -len(group)):
+        first, sentence = group[0]
+        given = [trial for trial, _ in group if trial.mode not in ("refused", "stopped", "crashed")]
+        cause, false = claim(sentence).cause, sum(claim(sentence).cause in judge(trial).false for trial in given)
+        verdict = f"false in {false} of {len(given)}; " if cause in CAUSES and given else ""
+        verdict += "no rule tells what it claims; " if cause == UNKNOWN and given else ""
+        methods = ", ".join(sorted({trial.method for trial, _ in group}))
+        yield f"- {len(group)} × {methods} ({verdict}first: {first.axis}, {first.level}; {first.mode}): {sentence}"

@@ -1,17 +1,17 @@
 """All trials of the failure map, each from the store or made now."""
 
 import hashlib
-import inspect
 import json
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-import pgdl_lab
+from pgdl_lab import sources
 from pgdl_lab.cache import simulate
 from pgdl_lab.errors import InputError
 from pgdl_lab.files import replacing
@@ -19,16 +19,15 @@ from pgdl_lab.finger import Finger
 from pgdl_lab.registry import describe, plugin
 from pgdl_lab.snapshots import Observation, Snapshots
 from pgdl_lab.stability import learning, mechanics
-from pgdl_lab.stability.outcome import Result, Trial, tried
+from pgdl_lab.stability.outcome import Attempt, Heard, Result, Trial, tried
+from pgdl_lab.stability.verdict import judge
 
 _log = logging.getLogger(__name__)
 
 DATA = Observation(snapshots=20, points=400)
 DATA_EDGE_MM = 6.0
-CODE = {"mechanics": ("mechanics/*.py",), "learning": ("learning/*.py",)}
-"""Files of the package that decide how a trial of each part ends, beside that of the stresses themselves."""
-COUNTED = "stability/outcome.py"
-KIND = {"mechanics": "fem", "learning": "model"}
+PARTS: dict[str, tuple[str, Any]] = {"mechanics": ("fem", mechanics.attempt), "learning": ("model", learning.attempt)}
+"""Of each part the kind of plugin that is tried, and what tries it."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,8 @@ class StabilitySettings:
         "mechanics", "learning" or both.
     seeds
         Number of seeds of each training.
-    train_s
-        Budget of each training [s].
+    updates
+        Steps of the optimiser in each training of a network.
     finger
         Name and fields of the short finger.
     touching
@@ -51,18 +50,18 @@ class StabilitySettings:
 
     parts: list[str]
     seeds: int
-    train_s: float
+    updates: int
     finger: dict[str, Any]
     touching: dict[str, Any]
 
     def __post_init__(self) -> None:
         for part in self.parts:
-            if part not in ("mechanics", "learning"):
-                raise InputError(f"stability.parts names '{part}'; choose among mechanics and learning.")
+            if part not in PARTS:
+                raise InputError(f"stability.parts names '{part}'; choose among {' and '.join(PARTS)}.")
         if self.seeds < 1:
             raise InputError(f"stability.seeds is {self.seeds}; it must be at least 1.")
-        if not self.train_s > 0:
-            raise InputError(f"stability.train_s is {self.train_s} s; it must be above 0.")
+        if self.updates < 1:
+            raise InputError(f"stability.updates is {self.updates}; it must be at least 1.")
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class Planned:
 
     Attributes
     ----------
-    part, axis, level, method
+    part, axis, level, method, seed
         See `Trial`.
     path
         Where it is kept once it is made.
@@ -83,14 +82,15 @@ class Planned:
     axis: str
     level: str
     method: str
+    seed: int
     path: Path
-    attempt: Callable[[], Result]
+    attempt: Attempt
 
     def trial(self) -> Trial:
         """The trial from its file, or made now."""
         if self.path.is_file():
-            return Trial(**json.loads(self.path.read_text(encoding="utf-8")))
-        trial = tried(self.part, self.axis, self.level, self.method, self.attempt)
+            return Trial.of(json.loads(self.path.read_text(encoding="utf-8")))
+        trial = tried(self.part, self.axis, self.level, self.method, self.attempt, self.seed)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(self.path) as temporary:
             temporary.write_text(json.dumps(asdict(trial), indent=1), encoding="utf-8")
@@ -105,9 +105,10 @@ def planned(settings: StabilitySettings, quick: bool, folder: Path) -> list[Plan
         for stress in mechanics.stresses(finger, quick):
             for name in mechanics.models(stress):
                 what: list[Any] = [describe(stress.finger), type(stress.finger).__qualname__, stress.fields]
-                path = _path(folder, "mechanics", stress, name, what)
+                what += [stress.edge_mm, stress.contact]
+                path = _path(folder, finger, stress, name, what)
                 attempt = partial(mechanics.attempt, stress, name)
-                found.append(Planned("mechanics", stress.axis, stress.level, name, path, attempt))
+                found.append(Planned("mechanics", stress.axis, stress.level, name, 0, path, attempt))
     if "learning" in settings.parts:
         scenes = {"smooth": finger, "touching": _finger({**settings.finger, **settings.touching})}
 
@@ -115,17 +116,19 @@ def planned(settings: StabilitySettings, quick: bool, folder: Path) -> list[Plan
         def data(scene: str) -> Snapshots:
             return _simulated(scenes[scene], folder)
 
-        for training in learning.stresses(quick):
+        tries = product(range(settings.seeds), learning.stresses(quick))  # a map with fewer seeds comes first
+        for seed, training in tries:
             for name in learning.models(training):
-                for seed in range(settings.seeds):
-                    what = [asdict(training), describe(scenes[training.data]), seed, settings.train_s]
-                    path = _path(folder, "learning", training, name, what)
+                what = [asdict(training), describe(scenes[training.data]), seed, settings.updates]
+                path = _path(folder, finger, training, name, what)
 
-                    def learn(training: learning.Stress = training, name: str = name, seed: int = seed) -> Result:
-                        scene = training.data
-                        return learning.attempt(training, name, data(scene), scenes[scene], seed, settings.train_s)
+                def learn(
+                    heard: Heard, training: learning.Stress = training, name: str = name, seed: int = seed
+                ) -> Result:
+                    scene, updates = training.data, settings.updates
+                    return learning.attempt(training, name, data(scene), scenes[scene], seed, updates, heard)
 
-                    found.append(Planned("learning", training.axis, training.level, name, path, learn))
+                found.append(Planned("learning", training.axis, training.level, name, seed, path, learn))
     return found
 
 
@@ -139,10 +142,9 @@ def all_trials(settings: StabilitySettings, quick: bool, folder: Path) -> Iterat
         if is_new:
             made += 1
             left_min = (time.perf_counter() - began) / made * (missing - made) / 60
-            mode = "SILENTLY WRONG" if trial.silent else trial.mode
             _log.info(
                 "%d of %d, about %.0f min left: %s, %s, %s: %s", made, missing, left_min, trial.axis, trial.level,
-                trial.method, mode,
+                trial.method, judge(trial).outcome,
             )  # fmt: skip
         yield trial
 
@@ -158,11 +160,16 @@ def _simulated(finger: Finger, folder: Path) -> Snapshots:
     return simulate(finger, solid, DATA, folder / "snapshots")[0]
 
 
-def _path(folder: Path, part: str, stress: Any, method: str, what: Any) -> Path:
-    """Where a trial is kept: under a hash of the stress and of the code that is tried."""
-    package = Path(inspect.getfile(pgdl_lab)).parent
-    code = [path for name in CODE[part] for path in sorted(package.glob(name))]
-    code += [package / f"stability/{part}.py", package / COUNTED, Path(inspect.getfile(plugin(KIND[part], method)))]
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in code))
-    digest.update(json.dumps([part, stress.axis, stress.level, method, what], sort_keys=True, default=str).encode())
+def _path(folder: Path, finger: Finger, stress: Any, method: str, what: Any) -> Path:
+    """Where a trial is kept: under a hash of the stress and of the code that is tried, on a finger."""
+    part = "mechanics" if isinstance(stress, mechanics.Stress) else "learning"
+    key = [part, _code(part, method, type(finger), type(finger.material)), stress.axis, stress.level, method, what]
+    digest = hashlib.sha256(json.dumps(key, sort_keys=True, default=str).encode())
     return folder / "stability" / f"{digest.hexdigest()[:20]}.json"
+
+
+@cache
+def _code(part: str, method: str, *finger: type) -> str:
+    """Hash of all code that decides how a trial ends; surrogates learn from the solid."""
+    kind, attempt = PARTS[part]
+    return sources.digest([plugin(kind, method), attempt, plugin("fem", "solid"), *finger])
