@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 LATEST, UNFINISHED = "latest", "unfinished"
-"""Links in `runs/`: the newest training that ended well, and the newest run that has not come to its end, if any."""
+"""Links in `runs/`: the newest training that ended well, and the run begun last, while it has not come to its end."""
 TAKEN = (LATEST, UNFINISHED, "snapshots", "artifacts", "best", "chart", "stability")
 """Names in `runs/` that no study can have."""
 

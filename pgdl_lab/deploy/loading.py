@@ -28,7 +28,7 @@ def load(path: str | Path, outside: str = "warn") -> Surrogate:
     the program has registered before: no plugin of the working directory, of PGDL_LAB_ROOT or of another package is
     imported because a file names it. `pgdl_lab.registry.discover()` imports those, as the command line does.
 
-    A .npz needs NumPy alone, a .pt also what its model needs: torch if it is a network.
+    A .npz needs NumPy alone, a .pt also safetensors, OmegaConf and what its model needs: torch if it is a network.
 
     Parameters
     ----------

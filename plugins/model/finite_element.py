@@ -22,7 +22,7 @@ class FiniteElement(LinearModel):
     """Linear finite elements on the body times Chebyshev polynomials in the pressure, smoothed; one solve.
 
     The weight of the smoothing rises by the same factor from each order to the next; nothing of it is learnt. Error
-    bars come from random draws, scaled by a fit without a tenth of the points and one without the highest pressures.
+    bars come from random draws, scaled by fits without a part of the points and one without the highest pressures.
     """
 
     def learn(self, regression: SeparableRegression, training: Training) -> Mapping[str, Tensor]:
