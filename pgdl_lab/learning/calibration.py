@@ -37,13 +37,24 @@ def bar_deviations(pressures_kpa: Floats, ratios: Ratios, rng: np.random.Generat
     rng
         Chooses which.
     """
-    highest, count = float(pressures_kpa.max()), len(pressures_kpa)
-    parts = [part for part in np.array_split(rng.permutation(count), FOLDS) if 0 < len(part) < count]
-    masks = [np.isin(np.arange(count), part) for part in parts[: fits(count) - 1]]
-    inside = covering(np.concatenate([ratios(mask, mask) for mask in masks])) if masks else NORMAL
-    top = pressures_kpa > (1 - ABOVE) * highest
-    above = inside if top.all() else covering(ratios(top, top & (pressures_kpa >= highest * FARTHEST)))
+    highest = float(pressures_kpa.max())
+    folds, (top, at_the_top) = inside_folds(len(pressures_kpa), rng), above_fold(pressures_kpa)
+    inside = covering(np.concatenate([ratios(mask, mask) for mask in folds])) if folds else NORMAL
+    above = inside if top.all() else covering(ratios(top, at_the_top))
     return np.array([highest, (1 + ABOVE) * highest]), np.array([inside, max(inside, above)])
+
+
+def inside_folds(count: int, rng: np.random.Generator) -> list[Held]:
+    """Masks (n,) of parts of `count` samples to be held out in turn, drawn at random."""
+    parts = [part for part in np.array_split(rng.permutation(count), FOLDS) if 0 < len(part) < count]
+    return [np.isin(np.arange(count), part) for part in parts[: fits(count) - 1]]
+
+
+def above_fold(pressures_kpa: Floats) -> tuple[Held, Held]:
+    """Masks (n,) of the samples to be held out at the top of the pressures, and of those that are judged there."""
+    highest = pressures_kpa.max()
+    top = pressures_kpa > (1 - ABOVE) * highest
+    return top, top & (pressures_kpa >= highest * FARTHEST)
 
 
 def fits(count: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 
 import numpy as np
@@ -77,6 +78,14 @@ class GuidedField(Field):
     def corrects(self) -> bool:
         """Whether the network adds anything to the guide."""
         return any(bool(weight.any()) for weight in self.last.parameters())
+
+    @torch.no_grad()
+    def without_network(self) -> GuidedField:
+        """The same field with a network that adds nothing."""
+        alone = copy.deepcopy(self)
+        nn.init.zeros_(alone.last.weight)
+        nn.init.zeros_(alone.last.bias)
+        return alone
 
     @torch.no_grad()
     def shifts_mm(self, samples: Samples, kept: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -12,13 +12,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.learning.calibration import NORMAL, Floats, Held, bar_deviations, fits
+from pgdl_lab.learning.calibration import NORMAL, Floats, Held, above_fold, bar_deviations, fits, inside_folds
 from pgdl_lab.learning.linear import regression_of
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev, evaluated
 from pgdl_lab.surrogate import BEYOND
 
 if TYPE_CHECKING:
-    from pgdl_lab.learning.data import Training
+    from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.guided import GuidedField
 
 _log = logging.getLogger(__name__)
@@ -39,9 +39,7 @@ def closed_form(
     samples, refitted, rough = training.whole, None, None
     if under is not None:
         rough, below = under.guide.numpy(), under.nodal()
-        left_mm = samples.displacements_mm - evaluated(below, under.body, samples, float(under.range_kpa[1]))
-        refitted = lambda held: left_mm + under.shifts_mm(training.whole, ~held)  # noqa: E731
-        samples = replace(samples, displacements_mm=left_mm)
+        samples, refitted = _left_by(under, below, samples)
     regression, body = regression_of(training, degree, samples, rough, spent_s)
     with closing(regression):
         state = {**body, **decompose(regression, learnt_prior(regression, rounds, rng), DRAWS, rng, refitted)}
@@ -49,6 +47,41 @@ def closed_form(
         above = torch.einsum("dk,nkc->ndc", state["amplitudes"], state["modes"])
         state |= {"modes": above + torch.from_numpy(below), "amplitudes": torch.eye(degree + 1).double()}
     return state
+
+
+def network_gains(training: Training, degree: int, rounds: int, field: GuidedField, spent_s: float) -> bool:
+    """Whether the closed form errs less on what the network leaves than on what its guide alone does.
+
+    Both are fitted without parts of the samples and judged by the mean squared errors on those, and without the highest
+    pressures and judged there. The network has to gain more by one than it loses by the other. Where there is no time
+    to look, it is taken to gain.
+    """
+    logarithms: list[Floats] = []
+    for each in (field, field.without_network()):
+        rng = np.random.default_rng(training.seed)
+        samples, refitted = _left_by(each, each.nodal(), training.whole)
+        top, at_the_top = above_fold(samples.pressures_kpa)
+        folds = [] if top.all() else [(top, at_the_top)]
+        parts = [[(held, held) for held in inside_folds(len(top), rng)], folds]
+        regression, _ = regression_of(training, degree, samples, each.guide.numpy(), spent_s)
+        with closing(regression):
+            prior = learnt_prior(regression, rounds, rng)
+            if not regression.allows(2 * fits(len(top))):
+                return True
+            errors = [
+                np.concatenate([
+                    (regression.at_samples(regression.posterior(prior, 1, rng, ~held, refitted(held)))[0]
+                     - refitted(held))[judged] for held, judged in part
+                ]) for part in parts if part
+            ]  # fmt: skip
+        logarithms.append(np.log([float((error**2).mean()) for error in errors]))
+    return bool((logarithms[0] - logarithms[1]).sum() < 0)
+
+
+def _left_by(field: GuidedField, nodal: Floats, samples: Samples) -> tuple[Samples, Callable[[Held], Floats]]:
+    """What a field with `nodal` values leaves of the samples, and what it would leave if it had not seen some."""
+    left_mm = samples.displacements_mm - evaluated(nodal, field.body, samples, float(field.range_kpa[1]))
+    return replace(samples, displacements_mm=left_mm), lambda held: left_mm + field.shifts_mm(samples, ~held)
 
 
 def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:

@@ -142,8 +142,17 @@ class Hybrid(TrainedModel):
         return field, samples.at(np.sort(few))
 
     def finished(self, field: GuidedField, record: Record, training: Training) -> Surrogate:
+        from pgdl_lab.learning.clock import Clock
+        from pgdl_lab.learning.pod import network_gains
+        from pgdl_lab.learning.threads import threads
+
         spent_s = record.history[-1]["seconds"] if record.history else 0.0
-        return self._with_closed_form(field.cpu(), training, record, spent_s)
+        clock, field = Clock(training.trainer.max_seconds, spent_s), field.cpu()
+        with threads(training.trainer.threads):
+            if field.corrects and not network_gains(training, self.degree, self.rounds, field, spent_s):
+                _log.info("Model hybrid: the network is left out, as fem=%s alone guides better.", self.guide)
+                field = field.without_network()
+        return self._with_closed_form(field, training, record, clock.seconds)
 
     def _with_closed_form(
         self, field: GuidedField | None, training: Training, record: Record, spent_s: float

@@ -14,6 +14,7 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.guide import gains, guide
 from pgdl_lab.learning.guided import GuidedField, product
+from pgdl_lab.learning.pod import network_gains
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.registry import discover, plugin
 from pgdl_lab.snapshots import Snapshots
@@ -244,6 +245,43 @@ def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(dat
 def test_its_closed_form_needs_data(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"model=hybrid is fitted to the data, and loss=\[boundary\] does not count"):
         hybrid().fit(training(tmp_path, {"boundary": {}}))
+
+
+@pytest.mark.parametrize("helps", [True, False])
+def test_the_network_stays_where_the_closed_form_errs_less_on_what_it_leaves(
+    helps: bool, data: Snapshots, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = how(scene, some(data, 300), tmp_path)
+    field, _ = hybrid().begin(given)
+    torch.manual_seed(0)
+    torch.nn.init.normal_(field.last.weight, std=10.0)
+    plain = field.without_network()
+    assert field.corrects and not plain.corrects
+    moved, alone = (
+        each(each.coordinates(given.whole.points_mm, 0), torch.from_numpy(given.whole.pressures_kpa)).detach().numpy()
+        for each in (field, plain)
+    )
+    if helps:  # data of which it is a part; else they know nothing of it
+        for samples in (given.samples, given.held):
+            here = field.coordinates(samples.points_mm, 0), torch.from_numpy(samples.pressures_kpa)
+            samples.displacements_mm[:] += (field(*here) - plain(*here)).detach().numpy()
+    assert np.abs(moved - alone).max() > 1
+    monkeypatch.setattr(GuidedField, "shifts_mm", lambda _, samples, kept: np.zeros_like(samples.displacements_mm))
+    assert network_gains(given, QUICK["degree"], QUICK["rounds"], field, 0.0) == helps
+
+
+def test_a_network_that_does_not_gain_is_left_out_with_a_word(
+    data: Snapshots, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pgdl_lab.learning.pod.network_gains", lambda *_: False)
+    monkeypatch.setattr("pgdl_lab.learning.guide.gains", lambda *_: True)
+    given = how(scene, some(data, 400), tmp_path)
+    with caplog.at_level(logging.INFO, "pgdl_lab"):
+        surrogate = hybrid().fit(given)
+    field, _ = hybrid().begin(given)
+    alone = hybrid().finished(field, surrogate.record, given)
+    assert "the network is left out, as fem=rod alone guides better" in caplog.text
+    assert np.array_equal(surrogate.predict(data.points, 10.0), alone.predict(data.points, 10.0))
 
 
 def test_a_guide_that_does_not_exist_is_refused_before_anything_is_simulated() -> None:
