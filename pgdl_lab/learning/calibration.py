@@ -48,7 +48,7 @@ def bar_deviations(pressures_kpa: Floats, ratios: Ratios, rng: np.random.Generat
 
 def fits(count: int) -> int:
     """How many fits the bars of a model with `count` samples are calibrated by."""
-    return min(FOLDS, -(-JUDGED * FOLDS // count)) + 1
+    return min(FOLDS, count, -(-JUDGED * FOLDS // count)) + 1
 
 
 def covering(ratios: Floats) -> float:
