@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +28,7 @@ from pgdl_lab.heard import WARNINGS
 FORMAT = "pgdl_lab surrogate"
 VERSION = 3
 AT_REST = 0.1  # of the highest trained pressure: if the lowest lies below that, all from 0 kPa on count as trained
-ROUNDING = 1e-6  # of the highest trained pressure: what a controller's sums may lie off the trained ones
+ROUNDING = 1e-6  # of the largest trained pressure in size: what a controller's sums may lie off the trained ones
 BEYOND = 1.25  # times the highest trained pressure: as far as a surrogate answers; see docs/export.md
 UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}
 
@@ -117,6 +118,7 @@ class Surrogate(ABC):
         self.outside = "warn"
         self._warned: dict[str, object] = {}
         self._limits = self.trained_kpa(), self.allowed_kpa()
+        self._rounding_kpa = ROUNDING * max(map(abs, self._limits[0]))
         self._last: tuple[Floats, Probe] | None = None  # control loops ask for the same points again and again
 
     @abstractmethod
@@ -324,7 +326,7 @@ class Surrogate(ABC):
             )
 
     def _check_pressures(self, points_mm: Floats, pressures_kpa: Floats, beyond: bool) -> None:
-        (low, high), rounding = self._limits[0], ROUNDING * abs(self._limits[0][1])
+        (low, high), rounding = self._limits[0], self._rounding_kpa
         if not ((pressures_kpa < low - rounding) | (pressures_kpa > high + rounding)).any():
             return
         if not beyond:
@@ -343,8 +345,7 @@ class Surrogate(ABC):
 
     def _check_distance(self, pressures_kpa: Floats) -> None:
         """Refuse pressures outside `allowed_kpa`."""
-        low, high = self._limits[1]
-        rounding = ROUNDING * abs(high)
+        (low, high), rounding = self._limits[1], self._rounding_kpa
         if ((pressures_kpa < low - rounding) | (pressures_kpa > high + rounding)).any():
             farthest = _farthest(pressures_kpa, low, high)
             raise TooFar(
@@ -391,9 +392,10 @@ class At:
 
     def __init__(self, surrogate: Surrogate, points_mm: Floats, probe: Probe, beyond: bool = False) -> None:
         self._surrogate, self._points_mm, self._probe, self._beyond = surrogate, points_mm, probe, beyond
-        (low, high), (least, most) = surrogate.trained_kpa(), surrogate.allowed_kpa()
-        self._low, self._high = low - ROUNDING * abs(high), high + ROUNDING * abs(high)
-        self._least, self._most = (-np.inf, np.inf) if beyond else (least, most)
+        (low, high), allowed = surrogate._limits
+        largest, rounding = sys.float_info.max, surrogate._rounding_kpa  # infinite pressures are named below
+        self._low, self._high = max(low - rounding, -largest), min(high + rounding, largest)
+        self._least, self._most = (-largest, largest) if beyond else allowed
 
     def __call__(self, pressure_kpa: float) -> Floats:
         """Displacement (N, 2) [mm] at a pressure [kPa]."""
@@ -407,7 +409,7 @@ class At:
         try:
             if self._low <= kpa <= self._high:  # not so for NaN
                 return float(kpa)
-            if self._least <= kpa <= self._most and abs(kpa) < np.inf and self._surrogate._settled("pressures"):
+            if self._least <= kpa <= self._most and self._surrogate._settled("pressures"):
                 return float(kpa)
         except (TypeError, ValueError):
             pass  # what is no number is named below

@@ -59,7 +59,7 @@ def above_fold(pressures_kpa: Floats) -> tuple[Held, Held]:
 
 def fits(count: int) -> int:
     """How many fits the bars of a model with `count` samples are calibrated by."""
-    return min(FOLDS, -(-JUDGED * FOLDS // count)) + 1
+    return min(FOLDS, count, -(-JUDGED * FOLDS // count)) + 1
 
 
 def covering(ratios: Floats) -> float:

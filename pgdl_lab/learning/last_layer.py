@@ -170,6 +170,8 @@ def ridge_regression(features: Floats, targets: Floats, rho: float | None = None
 
 def _likeliest(values: Floats, onto: Floats, targets: Floats) -> float:
     total, count = (targets**2).sum(), targets.size
+    if not total:
+        return np.inf  # weights of zero explain all
     rho = values[-1] * 1e-9
     for _ in range(ROUNDS):
         weights = onto / (values + rho)[:, None]

@@ -99,6 +99,58 @@ def test_points_that_a_search_selects_by_are_not_tested_on() -> None:
     assert Comparison(data, predicted, TRAIN).selection_mm2() is None
 
 
+def test_lengths_of_the_error_are_counted_over_unseen_points_and_at_the_tip() -> None:
+    data = small()
+    nodes, tip, off = len(data.points), data.base[-1], np.zeros_like(data.displacements)
+    off[..., 1] = 4.0
+    off[:2, :, 0], off[2] = 100.0, [3.0, 0.0]  # two snapshots are trained on, a third is off by 3 along x
+    off[:, tip] = [-6.0, 8.0]
+    off[7, 5] = [5.0, -12.0]
+    found = Comparison(data, data.displacements + off, np.arange(2 * nodes)).error()
+    unseen = 18 * nodes
+    squares = 17 * (nodes - 1) * 16 + (nodes - 1) * 9 + 18 * 100 + 169 - 16
+    assert found["rms_mm"] == pytest.approx(np.sqrt(squares / unseen))
+    assert found["largest_mm"] == pytest.approx(13) and found["tip_mm"] == pytest.approx(10)
+    moved = max(np.hypot(*u[tip]) for u in data.displacements)
+    assert found["tip_percent"] == pytest.approx(1000 / moved)
+    still = replace(data, displacements=np.zeros_like(data.displacements))
+    assert Comparison(still, off, NONE).error()["tip_percent"] is None
+
+
+def test_bars_are_judged_by_the_unseen_points_they_cover() -> None:
+    data = small()
+    nodes = len(data.points)
+    predicted = data.displacements + [0.3, -0.1]
+    bars = np.full(predicted.shape[:2], 0.2)
+    bars[:5], bars[5, : nodes // 2], bars[5, nodes // 2 :] = 9.0, 0.05, 0.4
+    comparison = Comparison(data, predicted, np.arange(4 * nodes), bars)
+    # of 16 snapshots one has bars of 9 mm, one of 0.05 and 0.4 mm, the others of 0.2 mm
+    wide, narrow = nodes - nodes // 2, nodes // 2
+    found = comparison.error_bar()
+    assert found == pytest.approx({
+        "covered_x": (nodes + wide) / (16 * nodes), "covered_z": 1 - narrow / (16 * nodes), "median_mm": 0.2
+    })  # fmt: skip
+    shares = [row["covered"] for row in comparison.by_pressure()]
+    assert shares == pytest.approx([1.0] * 5 + [wide / nodes] + [0.5] * 14)
+    without = Comparison(data, predicted, TRAIN)
+    assert without.error_bar() is None and {row["covered"] for row in without.by_pressure()} == {None}
+
+
+def test_errors_by_pressure_and_extremes_are_told_by_component() -> None:
+    data = small()
+    off = np.zeros_like(data.displacements)
+    off[3, ::2], off[3, 1::2] = [1.0, -3.0], [-1.0, 2.0]
+    comparison = Comparison(data, data.displacements + off, NONE)
+    row, share = comparison.by_pressure()[3], len(data.points[::2]) / len(data.points)
+    assert [row["mse_x_mm2"], row["mse_z_mm2"]] == pytest.approx([1.0, 9 * share + 4 * (1 - share)])
+    assert row["max_abs_mm"] == pytest.approx(3) and row["kpa"] == data.pressures_kpa[3]
+    shifted = Comparison(data, data.displacements + [0.3, -0.1], NONE).extremes_mm()
+    for i, axis in enumerate("xz"):
+        least, greatest = np.sort(data.displacements[-1, :, i])[[0, -1]]
+        assert shifted["fem"][axis] == [least, greatest]
+        assert shifted["surrogate"][axis] == pytest.approx([least + (0.3, -0.1)[i], greatest + (0.3, -0.1)[i]])
+
+
 def test_snapshots_without_training_points_are_unseen() -> None:
     data = small()
     nodes = len(data.points)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.stats
 import torch
 
 from pgdl_lab.learning.calibration import FEWEST, bar_deviations, covering, fits
@@ -80,8 +81,52 @@ def test_what_covers_some_errors_covers_the_next_in_19_of_20_cases(count: int) -
     assert 0.945 < np.mean(found) < 0.99
 
 
+@pytest.mark.parametrize("twentieths", [1, 2, 5, 50])
+def test_one_of_twenty_is_left_above_counted_with_the_next(twentieths: int) -> None:
+    sizes = np.random.default_rng(0).permutation(20.0 * twentieths - np.arange(1, 20 * twentieths))
+    found = covering(sizes[:, None]) * (1 + 1e-12)
+    assert (sizes > found).sum() == twentieths - 1 and found < sizes.max() + 1e-9
+
+
+@pytest.mark.parametrize("count", [1, 4, FEWEST - 1])
+def test_few_are_taken_for_draws_of_unknown_size(count: int) -> None:
+    sizes = np.tile([3.0, 4.0], (count, 1))  # their root mean square is 5 / √2
+    assert covering(sizes) == pytest.approx(5 / np.sqrt(2) * scipy.stats.t(count).ppf(0.975))
+    one = np.zeros((count, 2))
+    one[0, 0] = 9.0
+    assert covering(one) == pytest.approx(max(9.0, 9.0 / np.sqrt(2 * count) * scipy.stats.t(count).ppf(0.975)))
+
+
+@pytest.mark.parametrize(("within", "beyond"), [(2.0, 3.0), (3.0, 2.0)])
+def test_bars_beyond_are_calibrated_on_the_highest_pressures_of_a_fit_to_those_below(
+    within: float, beyond: float
+) -> None:
+    kpa = np.random.default_rng(1).permutation(np.arange(1, 801) / 16)
+    asked = []
+
+    def ratios(held: Any, judged: Any) -> Any:
+        asked.append((kpa[held], kpa[judged]))
+        return np.full((judged.sum(), 2), within if len(asked) < fits(800) else beyond)
+
+    bar_kpa, deviations = bar_deviations(kpa, ratios, np.random.default_rng(0))
+    held, judged = asked[-1]
+    assert np.array_equal(np.sort(held), np.arange(44 * 16 + 1, 801) / 16)  # the uppermost 12 %
+    assert np.array_equal(np.sort(judged), np.arange(48 * 16, 801) / 16)  # of these the uppermost 4 %
+    assert bar_kpa == pytest.approx([50.0, 56.0])
+    assert deviations == pytest.approx([within, max(within, beyond)])
+
+
+@pytest.mark.parametrize("count", [1, 30])
+def test_samples_of_one_pressure_tell_nothing_of_those_beyond(count: int) -> None:
+    bar_kpa, deviations = bar_deviations(
+        np.full(count, 20.0), lambda held, judged: np.full((judged.sum(), 2), 4.0), np.random.default_rng(0)
+    )
+    expected = scipy.stats.norm.ppf(0.975) if count == 1 else 4.0  # of one sample none can be held out
+    assert deviations == pytest.approx([expected, expected], rel=1e-4) and bar_kpa[0] == 20
+
+
 def test_of_few_samples_all_are_held_out_in_turn_and_of_many_a_tenth_is() -> None:
-    for count, judged in ((40, 40), (300, 120), (5000, 500)):
+    for count, judged in ((5, 5), (40, 40), (300, 120), (1000, 100), (5000, 500)):
         seen = []
 
         def ratios(held: Any, asked: Any, seen: Any = seen) -> Any:

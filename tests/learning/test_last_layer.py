@@ -4,8 +4,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from sklearn.linear_model import BayesianRidge
 
-from pgdl_lab.learning.last_layer import BEYOND, STATE, LastLayer
+from pgdl_lab.learning.calibration import covering
+from pgdl_lab.learning.last_layer import BEYOND, STATE, LastLayer, ridge_regression, scores
 from pgdl_lab.registry import discover, plugin
 from tests.trainings import TRAIN, small, training
 
@@ -47,6 +49,77 @@ def test_a_few_points_are_judged_as_if_each_were_left_out() -> None:
     assert np.mean([np.abs(straight(6, seed=seed)[0][3]).max() for seed in range(200)]) < np.mean(found)
 
 
+@pytest.mark.parametrize("noise", [0.01, 3.0])
+def test_the_likeliest_ridge_is_that_of_scikit_learn(noise: float) -> None:
+    rng = np.random.default_rng(3)
+    features = rng.standard_normal((120, 6)) * [3.0, 2.0, 1.0, 1.0, 0.5, 0.2]
+    targets = features @ rng.standard_normal((6, 2)) + noise * rng.standard_normal((120, 2))
+    theirs = BayesianRidge(fit_intercept=False, alpha_1=0, alpha_2=0, lambda_1=0, lambda_2=0, max_iter=2000, tol=1e-9)
+    theirs.fit(np.kron(np.eye(2), features), targets.T.ravel())  # both components share what is weighed
+    root, weights, rho = ridge_regression(features, targets)
+    assert rho == pytest.approx(theirs.lambda_ / theirs.alpha_, rel=1e-2)
+    assert weights.T.ravel() == pytest.approx(theirs.coef_, rel=1e-3)
+    assert root @ root.T == pytest.approx(np.linalg.inv(features.T @ features + rho * np.eye(6)))
+
+
+def test_bars_are_those_of_fits_without_each_sample() -> None:
+    rng = np.random.default_rng(4)
+    place, kpa = rng.standard_normal((40, 3)), rng.uniform(1, 50, 40)
+    targets = place @ rng.standard_normal((3, 2)) + 0.3 * rng.standard_normal((40, 2))
+    _, weights, rho = ridge_regression(place, targets)
+
+    def without(out: Any) -> Any:
+        rest, theirs = np.delete(place, out, axis=0), np.delete(targets, out, axis=0)
+        return np.linalg.solve(rest.T @ rest + rho * np.eye(3), rest.T @ theirs)
+
+    def variance(at: Any) -> Any:
+        return 1 + np.einsum("nf,fg,ng->n", at, np.linalg.inv(place.T @ place + rho * np.eye(3)), at)
+
+    alone = np.array([place[i] @ without(i) - targets[i] for i in range(40)])
+    given = (place, np.ones((40, 1))), kpa, targets, place @ weights - targets, np.zeros(40, dtype=bool), SAME
+    asked = rng.standard_normal((5, 3))
+    expected = covering(np.abs(alone) / np.sqrt(variance(place))[:, None]) * np.sqrt(variance(asked))
+    assert LastLayer.fitted(*given).bars(asked, ONE, 20.0) == pytest.approx(expected, rel=1e-5)
+    # where networks were trained without each sample, what they err by counts instead
+    known = np.abs(rng.standard_normal((40, 2)))
+    expected = covering(known) * np.sqrt(variance(asked))
+    assert LastLayer.fitted(*given, known).bars(asked, ONE, 20.0) == pytest.approx(expected, rel=1e-5)
+    # such scores are errors by the root of their variance
+    found = scores(known, (place, np.ones((40, 1))), (place, np.ones((40, 1))), rho)
+    assert found == pytest.approx(known / np.sqrt(variance(place))[:, None])
+
+
+@pytest.mark.parametrize("held", [0, 1000])
+def test_bars_follow_an_error_that_grows_with_the_pressure(held: int) -> None:
+    rng = np.random.default_rng(5)
+    kpa = rng.uniform(0, 50, 2000)
+    errors = np.where(kpa < 20, 0.1, 0.4)[:, None] * rng.standard_normal((2000, 2))
+    aside = np.arange(2000) < held
+    if held:
+        errors[~aside] = 1e-3  # what was trained on was learnt by heart, which tells nothing
+    layer = LastLayer.fitted((np.ones((2000, 1)), np.ones((2000, 1))), kpa, errors, errors, aside, SAME)
+    for asked, size in ((2.0, 0.1), (8.0, 0.1), (30.0, 0.4), (48.0, 0.4)):
+        assert layer.bars(np.ones((1, 1)), ONE, asked)[0] == pytest.approx(1.96 * size, rel=0.12)
+
+
+def test_bars_beyond_grow_by_what_a_fit_below_missed_and_no_faster() -> None:
+    """A step of 2 mm at 44 kPa, which a constant fitted below misses: (2² − 0²)^½, reached 12 % above the highest."""
+    kpa = np.arange(1, 801) / 16
+    targets = np.repeat(np.where(kpa > 44, 2.0, 0.0)[:, None], 2, axis=1)
+    one = np.ones((800, 1))
+    layer = LastLayer.fitted((one, one), kpa, targets, np.zeros((800, 2)), np.arange(800) < 0, SAME)
+    assert layer.kpa[-len(BEYOND) :] == pytest.approx((1 + BEYOND) * 50)
+    assert layer.bar_mm[-len(BEYOND) :] == pytest.approx(2 * np.minimum(BEYOND / 0.12, 1), rel=2e-3)
+    assert layer.kpa[-len(BEYOND) - 1] == 50 and layer.bar_mm[-len(BEYOND) - 1] == 0
+
+
+def test_where_nothing_is_to_be_learnt_bars_are_those_of_the_errors() -> None:
+    kpa, none = np.linspace(1, 50, 30), np.zeros((30, 2))
+    place = np.stack([np.ones(30), kpa], axis=1)
+    given = (place, np.ones((30, 1))), kpa, none, np.full((30, 2), 0.2), np.zeros(30, dtype=bool), SAME
+    assert LastLayer.fitted(*given).bars(place[:3], ONE, 20.0) == pytest.approx(0.2)
+
+
 def test_bars_grow_beyond_the_pressures_by_what_a_fit_below_missed() -> None:
     _, even = straight(4000)
     _, bent = straight(4000, bend=1.0)
@@ -56,7 +129,7 @@ def test_bars_grow_beyond_the_pressures_by_what_a_fit_below_missed() -> None:
 
 def test_bars_of_polynomials_in_the_pressure_grow_as_those_of_many_fits_spread() -> None:
     rng = np.random.default_rng(2)
-    kpa, highest = rng.uniform(0, 50, 2000), 50.0
+    kpa, highest = 50 * np.sqrt(rng.random(2000)), 50.0  # fewer of low pressures: less is known of these
     kpa[0] = highest
 
     def orders(of: Any) -> Any:
@@ -83,6 +156,15 @@ def test_products_of_place_and_pressure_are_one_regression() -> None:
     for i in range(5):
         several = layer.bars(place[i : i + 1], orders[i], float(kpa[i]))
         assert several == pytest.approx(plain.bars(products[i : i + 1], ONE, float(kpa[i])), rel=1e-4)
+
+
+def test_bars_come_back_from_a_state_or_not_at_all() -> None:
+    _, layer = straight(50)
+    state = layer.state()
+    again = LastLayer.restored({**state, "weights": np.ones(3)})
+    assert again is not None and at(again, 55.0) == at(layer, 55.0) > 0
+    for missing in state:
+        assert LastLayer.restored({name: array for name, array in state.items() if name != missing}) is None
 
 
 @pytest.mark.parametrize("name", ["mlp", "body"])

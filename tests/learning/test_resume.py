@@ -143,6 +143,64 @@ def test_a_plan_is_what_fits_at_the_speed_of_the_first_steps(monkeypatch: pytest
     assert planned({}, 51, stages=2).progress(51) == 1 and not planned({}, 51, stages=2).last
 
 
+@pytest.mark.parametrize(
+    ("first_s", "other_s", "once", "limit_s", "settled", "end"),
+    [
+        (1.0, 1.0, False, 100.0, 10, 95),  # after a tenth of the time; 95 % of the 90 s left at 1 s each
+        (1.0, 1.0, False, 40.0, 5, 38),  # not before 5 steps were seen: 95 % of 35 s
+        (8.0, 2.0, False, 1e3, 29, 271),  # within an epoch of 14 s; five of which tell 3.5 s a step
+        (6.0, 0.0, True, 100.0, 20, 64),  # the first step of an epoch does it all: 1.5 s a step, 95 % of 70 s
+    ],
+)
+def test_a_plan_by_hand(
+    first_s: float, other_s: float, once: bool, limit_s: float, settled: int, end: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = [0.0]
+    monkeypatch.setattr(clock, "now", lambda: at[0])
+    plan, laid = Plan(1, 1000, 4, clock.Clock(limit_s)), []
+    for step in range(40):
+        plan.begins(step, once)
+        laid.append(plan.end)
+        at[0] += other_s if step % 4 else first_s
+    assert laid == [4000] * settled + [end] * (40 - settled)
+    assert plan.progress(end // 5) == pytest.approx((end // 5) / end) and plan.progress(end + 1) == 1
+
+
+def test_a_plan_shares_epochs_out_and_goes_on_with_the_same_budget_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = [0.0]
+    monkeypatch.setattr(clock, "now", lambda: at[0])
+    plan = Plan(2, 5, 4, clock.Clock(100.0))
+    assert (plan.stage, plan.begun, plan.end, plan.last) == (0, 0, 12, False)  # whole epochs
+    assert plan.progress_of_all(6) == pytest.approx(0.25)
+    at[0] = 60.0
+    assert plan.progress_of_all(6) == pytest.approx(0.6)  # the time is further
+    plan.start(1, 12)
+    assert (plan.stage, plan.begun, plan.end, plan.last) == (1, 12, 20, True)
+    assert plan.progress(14) == 0.25 and plan.progress_of_all(18) == pytest.approx(0.875)
+    at[0] = 200.0
+    plan.begins(13, once_per_epoch=False)  # the time is over
+    assert plan.end == 13 and plan.progress(13) == 1 and plan.progress_of_all(13) == 1
+
+    for epochs, limit_s, end in ((5, 100.0, 13), (6, 100.0, 24), (5, 300.0, 20)):
+        resumed = Plan(2, epochs, 4, clock.Clock(limit_s, spent_s=50.0))
+        resumed.restore(plan.state())
+        assert (resumed.stage, resumed.begun, resumed.end) == (1, 12, end)
+    at[0] += 25.0
+    assert resumed._clock.seconds == 75.0 and resumed._clock.left_s == 225.0
+    at[0] += 300.0
+    assert resumed._clock.left_s == 0.0
+
+
+def test_steps_too_short_to_be_measured_shorten_no_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = [0.0]
+    monkeypatch.setattr(clock, "now", lambda: at[0])
+    plan = Plan(1, 1000, 4, clock.Clock(100.0))
+    for step in range(30):
+        plan.begins(step, once_per_epoch=False)
+        at[0] += 20.0 * (step == 9)
+    assert plan.end == 4000
+
+
 CHILD = """
 import sys
 from pathlib import Path
