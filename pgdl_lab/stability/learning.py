@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pgdl_lab.composing import experiment
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.learning.data import Samples, Scene, Training
-from pgdl_lab.learning.doubt import trained
+from pgdl_lab.learning.doubt import HOLE, trained
 from pgdl_lab.learning.neural import TrainedModel
 from pgdl_lab.registry import field_names, names, plugin
 from pgdl_lab.snapshots import Snapshots
@@ -150,8 +150,20 @@ def judged(surrogate: Surrogate, data: Snapshots, train: NDArray[np.int64], samp
         causes.append(RANGE)
     if not known <= GOOD:
         causes.append(DATA if _misfit(surrogate, samples) <= GOOD else TRAINING)
+    far = _far(data.points[unseen[tested]], samples.points_mm)
+    guessed = (DATA,) if far.any() and _size(errors[far]) > GOOD * _size(data.displacements[tested]) else ()
     bars = surrogate.error_bar(data.points[unseen[tested]], kpa)
-    return Result(error, tuple(causes), () if bars is None else (bar_of(np.abs(errors), bars),))
+    return Result(error, tuple(causes), () if bars is None else (bar_of(np.abs(errors), bars),), guessed)
+
+
+def _far(points: NDArray[np.float64], trained_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which `points` (N, 2) are so far from all that were trained on that a model may be warned of there."""
+    nearest = np.min(np.linalg.norm(points[:, None] - trained_mm[None], axis=2), axis=1)
+    return np.asarray(nearest > HOLE * np.ptp(points, axis=0).max())
+
+
+def _size(vectors: NDArray[np.float64]) -> float:
+    return float(np.sqrt((vectors**2).mean()))
 
 
 def bar_of(errors: NDArray[np.float64], bars: NDArray[np.float64]) -> Bar:
@@ -167,7 +179,7 @@ def _errors(
     """Errors (M, 2) [mm] of the nodes `which` (N,) at one pressure; their root mean square, relative to the truth's."""
     truth = data.displacements[place][which]
     errors = surrogate.predict(data.points[which], float(data.pressures_kpa[place])) - truth
-    return errors, float(np.sqrt((errors**2).mean() / (truth**2).mean()))
+    return errors, _size(errors) / _size(truth)
 
 
 def _misfit(surrogate: Surrogate, samples: Samples) -> float:

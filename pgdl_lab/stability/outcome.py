@@ -78,11 +78,14 @@ class Result:
         What is truly wrong, of `CAUSES`, as far as it was measured.
     bars
         The numbers that the method stated.
+    partly
+        What is wrong with a part of the result, which as a whole may be right.
     """
 
     error: float
     causes: tuple[str, ...] = ()
     bars: tuple[Bar, ...] = ()
+    partly: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ class Trial:
         One of `MODES`.
     error
         Relative error; None where there is no result.
-    causes, bars
+    causes, bars, partly
         See `Result`.
     told
         What it warned of; where there is no result, the sentence that it ended with.
@@ -118,6 +121,7 @@ class Trial:
     error: float | None
     causes: tuple[str, ...]
     bars: tuple[Bar, ...]
+    partly: tuple[str, ...]
     told: tuple[str, ...]
     seconds: float
 
@@ -125,7 +129,8 @@ class Trial:
     def of(cls, record: Mapping[str, Any]) -> "Trial":
         """From what `dataclasses.asdict` made of one, by way of JSON."""
         bars = tuple(Bar(**bar) for bar in record["bars"])
-        return cls(**{**record, "causes": tuple(record["causes"]), "told": tuple(record["told"]), "bars": bars})
+        texts = {name: tuple(record[name]) for name in ("causes", "partly", "told")}
+        return cls(**{**record, **texts, "bars": bars})
 
 
 class Heard:
@@ -177,7 +182,8 @@ def tried(part: str, axis: str, level: str, method: str, attempt: Attempt, seed:
     except Exception as problem:  # the very thing that is looked for
         mode, told = "crashed", (f"{type(problem).__name__}: {problem}",)
     error = result.error if math.isfinite(result.error) else None
-    return Trial(part, axis, level, method, seed, mode, error, result.causes, result.bars, told, hearing.seconds)
+    found = result.causes, result.bars, result.partly
+    return Trial(part, axis, level, method, seed, mode, error, *found, told, hearing.seconds)
 
 
 def _mode(part: str, error: float) -> str:

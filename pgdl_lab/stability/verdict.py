@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pgdl_lab.stability.claims import claim
-from pgdl_lab.stability.outcome import ACCURACY, CAUSES, GOOD, MODES, WIDE, Trial, wilson
+from pgdl_lab.stability.outcome import ACCURACY, CAUSES, MODES, WIDE, Trial, wilson
 
 RIGHT, ALARM, SAID, BAR, SILENT, NONE, CRASH = OUTCOMES = (
     *("right", "right, false alarm", "wrong, says so", "wrong bar", "silently wrong", "no result", "crashed"),
@@ -52,13 +52,12 @@ def judge(trial: Trial) -> Verdict:
         if bar.holds:
             named |= {ACCURACY} if bar.what == "mesh" else set(CAUSES)
     unnamed = tuple(cause for cause in causes if cause not in named)
-    mesh = [bar for bar in trial.bars if bar.what == "mesh"]
+    about_right = any(bar.ratio >= 1 / WIDE for bar in trial.bars)
     false = []
     for each in claims:
-        if each.cause in CAUSES and each.cause not in causes:
-            told_right = each.error is not None and any(bar.ratio >= 1 / WIDE for bar in mesh)
-            larger_cause = each.cause == ACCURACY and trial.error is not None and trial.error > GOOD
-            if not (told_right or larger_cause):
+        if each.cause in CAUSES and each.cause not in (*causes, *trial.partly):
+            larger_cause = each.cause == ACCURACY and trial.mode != "ok"
+            if not (each.stated and about_right or larger_cause):
                 false.append(each.cause)
     if any(not bar.holds for bar in trial.bars):
         outcome = BAR

@@ -34,7 +34,7 @@ def run(job: Job) -> list[Trial]:
         raise InputError(f"quick is {quick!r}; it must be true or false.")
     given: Any = OmegaConf.to_container(job.config.stability)
     if quick:
-        given |= {"seeds": 1, "updates": max(1, given["updates"] // 5)}
+        given |= {"seeds": 1}
     settings = StabilitySettings(**given)
     trials = list(all_trials(settings, quick, paths.RUNS))
     with replacing(job.folder / "trials.json") as temporary:
