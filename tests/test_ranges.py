@@ -74,7 +74,9 @@ def test_pressures_are_answered_told_and_refused_by_how_far_they_lie(
     surrogate.outside = "ignore"
     for edge, out in zip(allowed, (-1, 1), strict=True):
         for ask in (*asks, surrogate.error_bar):
-            assert ask(INSIDE, edge) is not None
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                assert ask(INSIDE, edge) is not None
             with pytest.raises(TooFar, match="too far outside the trained"):
                 ask(INSIDE, edge + out * off)
         far = edge + out * off
