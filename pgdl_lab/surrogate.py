@@ -370,7 +370,15 @@ class Surrogate(ABC):
             raise InputError(message())
         own = object()
         if self._warned.setdefault(what, own) is own:  # true of one thread alone
-            warnings.warn(message(), Outside, stacklevel=4)
+            warnings.warn(message(), Outside, stacklevel=_outside_this_file())
+
+
+def _outside_this_file() -> int:
+    """The stack level, from the function that calls this one, of the line that asked a surrogate something."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_code.co_filename == __file__ and frame.f_back is not None:
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def _farthest(pressures_kpa: Floats, low: float, high: float) -> float:

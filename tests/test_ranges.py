@@ -118,6 +118,21 @@ def test_of_several_points_the_farthest_is_named_with_the_bars_of_those_off() ->
         surrogate.at(INSIDE)(60.0)
 
 
+def test_warnings_name_the_line_that_asked() -> None:
+    off = [[50.0, 5.0]]
+    asks = [
+        lambda surrogate: surrogate.predict(INSIDE, 60.0),
+        lambda surrogate: surrogate.at(INSIDE)(60.0),
+        lambda surrogate: surrogate.at(INSIDE, beyond=True)(90.0),
+        lambda surrogate: surrogate.predict(off, 10.0),
+        lambda surrogate: surrogate.at(off),
+    ]
+    for ask in asks:
+        with pytest.warns(Outside) as told:
+            ask(Plain({"pressure_kpa": [2.5, 50.0]}, outside="warn"))
+        assert [warning.filename for warning in told] == [__file__]
+
+
 def test_the_same_points_are_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:
     surrogate, prepared = Plain({"pressure_kpa": [2.5, 50.0]}), []
     probe = Plain.probe
