@@ -215,7 +215,7 @@ class Surrogate(ABC):
         Parameters
         ----------
         points_mm, pressure_kpa, beyond
-            See `predict`. No bar is to be relied on outside `allowed_kpa`.
+            See `predict`. No bar is to be relied on outside `allowed_kpa` or off the body.
 
         Returns
         -------
@@ -325,7 +325,7 @@ class Surrogate(ABC):
                     f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, "
                     f"z = {z:g} mm by {distance_mm.max():.3g} mm: give points in mm on the body; each "
                     f"{'counts as the nearest point on it' if self.knows_body else 'is answered where it lies'}"
-                    f"{self._told_bar(points_mm[off], self.record.ranges['pressure_kpa'][1])}."
+                    ", and no error bar tells how far off that is."
                 ),
             )
 
