@@ -27,6 +27,7 @@ RULES = (
     (RANGE, "lies outside the trained"),
     (REMARK, "uses second derivatives, which are zero everywhere"),
     (REMARK, "leaves out loss"),
+    (REMARK, "pod alone answers"),
     (REMARK, "The checkpoint could not be written"),
     (REMARK, "so there are none: give it more"),
 )

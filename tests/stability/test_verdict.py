@@ -128,7 +128,8 @@ def warnings_of(path: Path) -> list[str]:
     """All warnings that a module logs, with a number in each blank."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)]
-    first = [call.args[0] for call in calls if ast.unparse(call.func) == "_log.warning"]
+    place = {"_log.warning": 0, "_log.log": 1}  # of the text among what is given
+    first = [call.args[place[name]] for call in calls if (name := ast.unparse(call.func)) in place]
     texts = [each.value for each in first if isinstance(each, ast.Constant) and isinstance(each.value, str)]
     return [re.sub(r"%(\.\d+)?[gdsf]", "1", text).replace("%%", "%") for text in texts]
 
