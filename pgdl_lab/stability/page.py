@@ -45,7 +45,7 @@ def write_page(trials: Sequence[Trial], head: Sequence[str], path: Path) -> None
 def _listed(outcome: str, trials: Sequence[Trial]) -> list[str]:
     found = [(trial, judge(trial)) for trial in trials if judge(trial).outcome == outcome]
     lines = [f"## {outcome[0].upper()}{outcome[1:]}: {len(found)} of {len(trials)} trials", ""]
-    lines += [f"It {MEANING[outcome]}.", ""]
+    lines += [f"{MEANING[outcome].capitalize()}.", ""]
     groups: dict[tuple[str, str, str], list[Trial]] = {}
     for trial, verdict in found:
         what = ", ".join(CAUSES[cause] for cause in verdict.unnamed) if outcome == SILENT else ""
