@@ -83,7 +83,10 @@ def job(config: DictConfig) -> Any:
         end(folder)
         return PRUNED
     except (KeyboardInterrupt, SystemExit):  # Lightning makes the latter of the former
-        print(f"\npgdl-lab: stopped; {typed('resume', folder)} goes on with it", file=sys.stderr)
+        how = (
+            f"{typed('resume', folder)} goes on with it" if config.get("run") is None else "type it again to begin anew"
+        )
+        print(f"\npgdl-lab: stopped; {how}", file=sys.stderr)
         raise
     except Exception as error:
         problem = sentence(error)

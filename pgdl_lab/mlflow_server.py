@@ -43,7 +43,8 @@ LONGEST = 6000  # characters of a parameter: MLflow's limit
 
 for _noisy in ("mlflow", "alembic"):
     logging.getLogger(_noisy).setLevel(logging.WARNING)
-for _noisy in ("mlflow.store.db", "urllib3"):  # tell each try, and what is raised then; it is told here
+# They tell each try, and what is raised then, which is told here; and that git is not installed, which nobody needs.
+for _noisy in ("mlflow.store.db", "urllib3", "mlflow.utils.git_utils"):
     logging.getLogger(_noisy).setLevel(logging.CRITICAL)
 
 

@@ -108,9 +108,12 @@ class Surrogate(ABC):
         ones or a point off the body: "warn" (once for each of the two), "raise" or "ignore".
     shapes
         What `state` must look like.
+    knows_body
+        Whether a point off the body counts as the nearest one on it; else it is answered where it lies.
     """
 
     shapes: ClassVar[Shapes] = {}
+    knows_body: bool = True
 
     def __init__(self, model: Mapping[str, Any], record: Record) -> None:
         self.model = dict(model)
@@ -127,7 +130,7 @@ class Surrogate(ABC):
 
     @abstractmethod
     def probe(self, points_mm: Floats) -> Probe:
-        """The surrogate at checked points (N, 2) [mm]; those off the body count as their nearest points on it."""
+        """The surrogate at checked points (N, 2) [mm]; those off the body, see `knows_body`."""
 
     @property
     def units(self) -> dict[str, str]:
@@ -212,7 +215,7 @@ class Surrogate(ABC):
         Parameters
         ----------
         points_mm, pressure_kpa, beyond
-            See `predict`. No bar is to be relied on outside `allowed_kpa`.
+            See `predict`. No bar is to be relied on outside `allowed_kpa` or off the body.
 
         Returns
         -------
@@ -320,8 +323,9 @@ class Surrogate(ABC):
                 "points",
                 lambda: (
                     f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, "
-                    f"z = {z:g} mm by {distance_mm.max():.3g} mm: give points in mm on the body; each counts as the "
-                    f"nearest point on it{self._told_bar(points_mm[off], self.record.ranges['pressure_kpa'][1])}."
+                    f"z = {z:g} mm by {distance_mm.max():.3g} mm: give points in mm on the body; each "
+                    f"{'counts as the nearest point on it' if self.knows_body else 'is answered where it lies'}"
+                    ", and no error bar tells how far off that is."
                 ),
             )
 
@@ -366,7 +370,15 @@ class Surrogate(ABC):
             raise InputError(message())
         own = object()
         if self._warned.setdefault(what, own) is own:  # true of one thread alone
-            warnings.warn(message(), Outside, stacklevel=4)
+            warnings.warn(message(), Outside, stacklevel=_outside_this_file())
+
+
+def _outside_this_file() -> int:
+    """The stack level, from the function that calls this one, of the line that asked a surrogate something."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_code.co_filename == __file__ and frame.f_back is not None:
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def _farthest(pressures_kpa: Floats, low: float, high: float) -> float:

@@ -87,7 +87,8 @@ def test_only_what_came_to_its_end_with_a_surrogate_is_the_latest(root: Path) ->
     assert not folders.is_empty(whole)
 
 
-def test_where_no_training_has_ended_it_is_said(root: Path) -> None:
+def test_where_no_training_has_ended_it_is_said(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(root)  # the checkout has runs of its own
     with pytest.raises(InputError, match="no training has come to its end: train, or name a run"):
         folders.run_folder(None, "runs/latest")
 

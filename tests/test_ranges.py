@@ -74,7 +74,9 @@ def test_pressures_are_answered_told_and_refused_by_how_far_they_lie(
     surrogate.outside = "ignore"
     for edge, out in zip(allowed, (-1, 1), strict=True):
         for ask in (*asks, surrogate.error_bar):
-            assert ask(INSIDE, edge) is not None
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                assert ask(INSIDE, edge) is not None
             with pytest.raises(TooFar, match="too far outside the trained"):
                 ask(INSIDE, edge + out * off)
         far = edge + out * off
@@ -103,10 +105,10 @@ def test_of_several_pressures_the_farthest_is_named(kpa: list[float], named: flo
         surrogate.predict(INSIDE, kpa, beyond=True)  # told once
 
 
-def test_of_several_points_the_farthest_is_named_with_the_bars_of_those_off() -> None:
+def test_of_several_points_the_farthest_is_named_and_no_bar_is_told() -> None:
     surrogate = Plain({"pressure_kpa": [2.5, 50.0]}, outside="warn")
     points = [[5.0, 5.0], [12.0, 5.0], [-3.0, 14.0], [10.0, 10.0]]
-    words = r"^2 of 4 points lie off .* x = -3, z = 14 mm by 5 mm: .* bar of up to 50 mm\.$"
+    words = r"^2 of 4 points lie off .* x = -3, z = 14 mm by 5 mm: .*, and no error bar tells how far off that is\.$"
     with pytest.warns(Outside, match=words):
         surrogate.predict(points, 10.0)
     with warnings.catch_warnings():
@@ -114,6 +116,21 @@ def test_of_several_points_the_farthest_is_named_with_the_bars_of_those_off() ->
         surrogate.predict([[30.0, 5.0]], 10.0)  # told once
     with pytest.warns(Outside, match="^60 kPa lies outside"):  # of pressures nothing was told yet
         surrogate.at(INSIDE)(60.0)
+
+
+def test_warnings_name_the_line_that_asked() -> None:
+    off = [[50.0, 5.0]]
+    asks = [
+        lambda surrogate: surrogate.predict(INSIDE, 60.0),
+        lambda surrogate: surrogate.at(INSIDE)(60.0),
+        lambda surrogate: surrogate.at(INSIDE, beyond=True)(90.0),
+        lambda surrogate: surrogate.predict(off, 10.0),
+        lambda surrogate: surrogate.at(off),
+    ]
+    for ask in asks:
+        with pytest.warns(Outside) as told:
+            ask(Plain({"pressure_kpa": [2.5, 50.0]}, outside="warn"))
+        assert [warning.filename for warning in told] == [__file__]
 
 
 def test_the_same_points_are_prepared_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -152,6 +152,16 @@ def test_pressures_and_points_outside_are_told_once_with_the_error_bar(linear: S
         linear.predict(small().points, [0.0, 50.0])  # the pressures from 0 up to the first snapshot count as trained
 
 
+def test_what_is_said_of_points_off_the_body_is_so(surrogate: Surrogate, tmp_path: Path) -> None:
+    surrogate.save(tmp_path / "surrogate.pt")
+    fresh = pgdl_lab.load(tmp_path / "surrogate.pt")
+    with pytest.warns(Outside) as told:
+        there = fresh.predict([[11.0, 16.0]], 10.0)
+    same = there == pytest.approx(fresh.predict([[10.5, 16.0]], 10.0), abs=1e-9)
+    assert same == ("counts as the nearest point on it" in str(told[0].message)) == fresh.knows_body
+    assert same != ("is answered where it lies" in str(told[0].message))
+
+
 def test_pressures_and_points_outside_can_be_refused(surrogate: Surrogate, tmp_path: Path) -> None:
     surrogate.save(tmp_path / "surrogate.pt")
     strict = pgdl_lab.load(tmp_path / "surrogate.pt", outside="raise")

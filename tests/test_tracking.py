@@ -184,3 +184,10 @@ def test_processes_that_start_together_share_a_fresh_database(tmp_path: Path) ->
     experiments = client(tmp_path).search_experiments()
     assert sorted(experiment.name for experiment in experiments) == ["Default", EXPERIMENT]
     assert len(client(tmp_path).search_runs([parent.info.experiment_id])) == 1 + len(jobs)
+
+
+def test_a_machine_without_git_is_tracked_without_a_word(tmp_path: Path) -> None:
+    script = "import pgdl_lab.mlflow_server\nfrom mlflow.tracking.context.registry import resolve_tags as r\nassert r()"
+    alone = {**environment(tmp_path), "PATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], env=alone, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and not done.stderr

@@ -44,6 +44,8 @@ class NetworkSurrogate(Surrogate):
         bars also those of a `LastLayer`.
     """
 
+    knows_body = False
+
     def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
         super().__init__(model, record)
         self._state = dict(state)

@@ -18,7 +18,14 @@ class Field(nn.Module, ABC):
     A field is evaluated in two steps, because the first has nothing to learn and is taken once for all training points:
     `coordinates` are fixed functions of the place (the place itself, or functions that know the body), and `rows`
     carries them and the pressure through the trainable layers.
+
+    Attributes
+    ----------
+    knows_body
+        Whether a point off the body counts as the nearest one on it.
     """
+
+    knows_body: bool = True
 
     @abstractmethod
     def coordinates(self, points_mm: NDArray[np.float64], order: int) -> Tensor:
@@ -72,6 +79,8 @@ class PlaneField(ReadOutField):
     dtype
         Type of the weights.
     """
+
+    knows_body = False
 
     def __init__(self, layers: nn.Sequential, dtype: torch.dtype) -> None:
         super().__init__()

@@ -37,6 +37,7 @@ class NeuralSurrogate(Surrogate):
     ) -> None:
         super().__init__(model, record)
         self.field = field.cpu().eval().requires_grad_(False)
+        self.knows_body = field.knows_body
         self.last_layer = last_layer
 
     def state(self) -> dict[str, NDArray[Any]]:

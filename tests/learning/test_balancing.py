@@ -56,6 +56,23 @@ def test_term_without_a_gradient_keeps_its_factor() -> None:
     assert balancer.factors == {"strong": 1.0, "weak": 1.0}
 
 
+def test_terms_that_are_zero_or_not_finite_keep_their_factors() -> None:
+    for wrong in (0.0, float("nan"), float("inf")):
+        gradients, progress = (
+            Balancer(BalancingSettings(rule), [*TERMS, "odd"]) for rule in ("gradient_norm", "relobralo")
+        )
+        gradients.by_gradients({**TERMS, "odd": wrong})
+        for value in (1.0, 0.5):
+            progress.by_progress({"strong": value, "weak": 1.0, "odd": wrong}, draw=0.5)
+        for balancer in (gradients, progress):
+            assert balancer.factors["odd"] == 1 and balancer.factors["strong"] < 1 < balancer.factors["weak"]
+
+
+def test_factors_are_adjusted_every_so_many_steps() -> None:
+    due = [step for step in range(10) if Balancer(BalancingSettings("relobralo", every=3), TERMS).due(step)]
+    assert due == [0, 3, 6, 9] and not any(Balancer(BalancingSettings(every=3), TERMS).due(step) for step in range(10))
+
+
 def test_gradients_come_to_lie_in_the_ratio_of_the_weights(tmp_path: Path) -> None:
     losses = {"data": {}, "navier_cauchy": {"weight": 0.25}}
     whole = training(tmp_path, losses)

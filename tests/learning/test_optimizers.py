@@ -2,7 +2,9 @@ import logging
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import scipy.stats
 import torch
 
 from pgdl_lab.errors import InputError
@@ -126,6 +128,27 @@ def test_a_gain_by_chance_is_none() -> None:
     assert not surely_less(errors + 0.1 * torch.randn(500), errors)
     assert not surely_less(errors, errors)
     assert surely_less(errors - 0.03 + 0.1 * torch.randn(500), errors)
+
+
+@pytest.mark.parametrize("count", [2, 5, 400])
+def test_a_sure_gain_is_three_standard_errors_of_the_logarithm(count: int) -> None:
+    noise = np.random.default_rng(0).standard_normal(count)
+    others = torch.ones(count, dtype=torch.double)
+    for statistic, sure in ((2.9, False), (3.1, True)):
+        gain = noise - noise.mean() + statistic * noise.std(ddof=1) / np.sqrt(count)
+        assert scipy.stats.ttest_1samp(gain, 0).statistic == pytest.approx(statistic)
+        gain *= min(1.0, 0.1 / np.abs(gain).max())  # too small to turn the means
+        assert surely_less(others * torch.exp(-torch.from_numpy(gain)), others) == sure
+
+
+def test_neither_one_error_nor_a_greater_mean_is_a_sure_gain() -> None:
+    one = torch.tensor([1.0])
+    assert not surely_less(1e-9 * one, one)
+    others = torch.ones(100)
+    errors = torch.full((100,), 0.1)
+    assert surely_less(errors + 1e-3 * torch.rand(100), others)
+    errors[0] = 1000.0  # less at all points but one
+    assert not surely_less(errors, others)
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,14 @@ import torch
 from torch import Tensor
 
 from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.learning.data import Scene
+from pgdl_lab.learning.jet import Jet
 from pgdl_lab.learning.plane import PlaneLaw
 from pgdl_lab.learning.section_balance import SectionBalance
+from pgdl_lab.registry import discover, plugin
 from tests.fingers import pneunet
 
+discover()
 P_MPA = torch.tensor(0.02, dtype=torch.double)
 
 
@@ -79,3 +83,9 @@ def test_the_sections_own_equilibrium_has_almost_no_residual() -> None:
     assert u.abs().max() > 0.05
     assert balance.mean_square_strain(balance.forces(u, pressure)) < 1e-20
     assert balance.mean_square_strain(balance.forces(0.5 * u, pressure)) > 1e-8
+    loss, nothing = plugin("loss", "equilibrium")(state="plane_stress"), np.empty((0, 2))
+    scene = Scene(nothing, nothing, nothing, 20.0, 10.0, 0.5, (0.0, 0.0), pneunet(chambers=1))
+    assert np.array_equal(loss.own_points(scene)[0], balance.points_mm)
+    for kpa, in_balance in ((20.0, True), (20.1, False)):
+        jet = Jet(u[None], torch.full((len(u),), kpa, dtype=torch.double))
+        assert (loss.value(jet, 0 * u, scene) < 1e-12) == in_balance

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import scipy.linalg
+import torch
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.learning.pod import decompose
+from pgdl_lab.learning.pod import compressed, decompose, known
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
 from pgdl_lab.learning.triangulation import Triangulation
 from tests.learning.test_triangulation import rectangle
@@ -119,6 +120,82 @@ def test_polynomials_beyond_the_trained_pressures_go_on() -> None:
     posterior = regression.posterior(regression.first_prior(), 0, np.random.default_rng(0))
     top = np.einsum("k,nkc->nc", chebyshev(np.array([50.0]), trained, 5)[0], coefficients(posterior))
     assert np.abs(top - truth(body.points_mm, np.full(len(top), 50.0))).max() < 1e-2
+
+
+def test_what_is_assumed_at_first_scales_with_the_field_and_the_body() -> None:
+    body, (regression, _) = rectangle(4), drawn(rectangle(4), 50, seed=0)
+    clamp = np.setdiff1d(np.arange(regression.nodes), regression.free)
+    larger = Triangulation(3 * body.points_mm, body.triangles)
+    samples = regression.samples
+    samples = Samples(3 * samples.points_mm, samples.pressures_kpa, 5 * samples.displacements_mm)
+    one, other = regression.first_prior(), SeparableRegression(larger, clamp, samples, RANGE_KPA, 2).first_prior()
+    assert other.covariance == pytest.approx((5 / 3) ** 2 * one.covariance)
+    assert other.noise_mm == pytest.approx(5 * one.noise_mm)
+    # each order is a fifth of the one before; the first is the root mean square by the diagonal
+    size_mm = np.sqrt((regression.samples.displacements_mm**2).mean())
+    assert np.sqrt(np.diag(one.covariance)) == pytest.approx(size_mm / np.hypot(2, 1) * np.array([1, 0.2, 0.04]))
+
+
+def test_a_rough_field_lets_expect_kinks_where_it_has_them() -> None:
+    body = rectangle(6)
+    regression, _ = drawn(body, 50, seed=0)
+    clamp = np.setdiff1d(np.arange(regression.nodes), regression.free)
+    x, z = body.points_mm.T
+    rough = np.stack([np.abs(x - 1), 2 * np.abs(x - 1) + x - z], axis=1)  # folded along x = 1, flat elsewhere
+    eased = SeparableRegression(body, clamp, regression.samples, RANGE_KPA, 2, rough)
+    norms = [np.sqrt(np.asarray(each.kinks.multiply(each.kinks).sum(axis=1)).ravel()) for each in (regression, eased)]
+    there = np.linalg.norm(body.kinks @ rough, axis=1)
+    ratio = norms[0] / norms[1]  # of the size that a kink is expected to have
+    assert ((there > 1e-9).sum() >= 6) and ratio[there < 1e-9] == pytest.approx(1)
+    assert ratio == pytest.approx(np.sqrt(1 + 16 * there**2 / (there**2).mean()))
+    assert ratio.max() > 4
+
+
+def test_values_at_samples_are_those_of_the_field() -> None:
+    regression, _ = drawn(rectangle(4), 40, seed=0)
+    posterior = regression.posterior(PRIOR, 3, np.random.default_rng(0))
+    mean, deviation = regression.at_samples(posterior)
+    points, kpa = regression.samples.points_mm, regression.samples.pressures_kpa
+    for i in range(40):
+        node = np.flatnonzero((rectangle(4).points_mm == points[i]).all(axis=1))[0]
+        orders = np.cos(np.arange(3) * np.arccos(kpa[i] / 25 - 1)) @ PRIOR.amplitudes
+        assert mean[i] == pytest.approx(orders @ posterior.modes[node])
+        assert deviation[i] == pytest.approx(orders @ posterior.draws[node])
+
+
+def test_spreads_are_square_roots_of_the_covariance_of_the_draws() -> None:
+    regression, _ = drawn(rectangle(4), 40, seed=0)
+    posterior = regression.posterior(PRIOR, 30, np.random.default_rng(0))
+    state = known(posterior)
+    spread = state["spread"].numpy().astype(float)
+    draws_mm = np.einsum("dk,nks->nds", PRIOR.amplitudes, posterior.draws)
+    for root, draws in zip(spread, draws_mm, strict=True):
+        assert root @ root.T == pytest.approx(draws @ draws.T / 30, rel=1e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize("bars", [None, [2.5, 9.0], [0.196, 2.0]])
+@pytest.mark.parametrize(("noise_mm", "deviation_mm"), [(1.0, 0.03), (0.003, 1.0)])
+def test_as_many_modes_are_kept_as_a_singular_value_decomposition_needs(
+    bars: list[float] | None, noise_mm: float, deviation_mm: float
+) -> None:
+    """Eckart and Young: of as many modes no others leave less. Left are a tenth of the deviation, or the noise."""
+    rng, kpa = np.random.default_rng(0), np.linspace(0, 1.25 * 50, 400)
+    sizes = np.diag([10.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5])
+    modes, spread = rng.standard_normal((80, 6, 2)), np.zeros((80, 6, 6))
+    spread[:, 0, 0] = deviation_mm  # the same at all pressures
+    arrays = {"modes": modes, "amplitudes": sizes, "spread": spread, "noise_mm": np.array(noise_mm)}
+    state = {name: torch.from_numpy(array) for name, array in {**arrays, "range_kpa": RANGE_KPA}.items()}
+    few = compressed(state if bars is None else {**state, "bar_deviations": torch.tensor(bars)})
+    polynomials = chebyshev(kpa, RANGE_KPA, 5)
+    field = np.einsum("pd,dk,nkc->pnc", polynomials, sizes, modes).reshape(400, -1)
+    near = np.einsum("pd,dk,nkc->pnc", polynomials, few["amplitudes"].numpy(), few["modes"].numpy()).reshape(400, -1)
+    singular = np.linalg.svd(field, compute_uv=False)
+    rest_mm = np.sqrt(np.cumsum(singular[::-1] ** 2)[::-1] / field.size)
+    most_mm = 0.003 * (0.1 if bars == [0.196, 2.0] else 1.0)
+    count = few["modes"].shape[1]
+    assert count == (rest_mm > most_mm).sum() and 1 < count < 6
+    assert np.sqrt(((near - field) ** 2).mean()) == pytest.approx(rest_mm[count], rel=0.1)
+    assert (few["modes"].numpy() ** 2).mean(axis=(0, 2)) == pytest.approx(1)
 
 
 def test_points_that_never_move_are_refused() -> None:

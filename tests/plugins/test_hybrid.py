@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from numpy.polynomial.chebyshev import chebval
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.guide import gains, guide
 from pgdl_lab.learning.guided import GuidedField, product
+from pgdl_lab.learning.modal import DECAY
 from pgdl_lab.learning.pod import network_gains
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.registry import discover, plugin
@@ -218,6 +220,43 @@ def test_derivatives_of_the_field_are_those_of_its_values() -> None:
         xx, xz = torch.autograd.grad(slope[:, 0].sum(), place, retain_graph=True)[0].T
         zz = torch.autograd.grad(slope[:, 1].sum(), place, retain_graph=True)[0][:, 1]
         assert torch.allclose(rows[3:, :, component], torch.stack([xx, zz, xz]))
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("motion", [0, 1, 2])
+def test_sections_move_along_x_and_z_and_turn(motion: int, order: int) -> None:
+    """One output of the network is 1: 2 mm of a motion at the tip, half of it in the middle, none at the clamp."""
+    points = np.array([[0.0, 0.0], [8.0, 0.0], [0.0, 3.0], [8.0, 3.0]])
+    guide_mm = np.random.default_rng(0).normal(scale=0.5, size=(4, 4, 2))
+    field = field_of(points, guide_mm)
+    with torch.no_grad():
+        field.last.weight.zero_()
+        field.last.bias.zero_()
+        assert not field.corrects
+        field.last.bias[3 * motion + order] = 1.0
+        field.size_mm.fill_(2.0)
+    asked, kpa = np.array([*points, [4.0, 0.0], [4.0, 3.0]]), np.array([10.0, 30.0, 60.0, 20.0, 5.0, 50.0])
+    guided = np.array([*guide_mm, (guide_mm[0] + guide_mm[1]) / 2, (guide_mm[2] + guide_mm[3]) / 2])
+    guided = np.array([chebval(p / 25 - 1, at) for p, at in zip(kpa, guided, strict=True)])
+    x, z = (asked + guided).T
+    along = [(1 + 0 * x, 0 * x), (0 * x, 1 + 0 * x), (-z / 8, x / 8)][motion]
+    arm = 2.0 * asked[:, 0] / 8 * DECAY**order * np.array([chebval(p / 25 - 1, np.eye(3)[order]) for p in kpa])
+    with torch.no_grad():
+        found = field(field.coordinates(asked, 0), torch.from_numpy(kpa)).numpy()
+    assert found - guided == pytest.approx(arm[:, None] * np.stack(along, axis=1)) and field.corrects
+
+
+def test_a_network_begins_in_the_size_of_what_the_guide_errs_by() -> None:
+    points = np.array([[0.0, 0.0], [8.0, 0.0], [0.0, 3.0], [8.0, 3.0]])
+    guide_mm = np.random.default_rng(0).normal(size=(4, 4, 2))
+    field, kpa = field_of(points, guide_mm), np.array([0.0, 50.0, 20.0, 30.0])
+    guided = np.array([chebval(p / 25 - 1, at) for p, at in zip(kpa, guide_mm, strict=True)])
+    field.scale_to(Samples(points, kpa, guided + [3.0, -4.0]))
+    assert float(field.size_mm) == pytest.approx(5 / np.sqrt(2))
+    with torch.no_grad():
+        field.last.weight.zero_()
+        field.last.bias.zero_()
+    assert not field.shifts_mm(Samples(points, kpa, guided + [3.0, -4.0]), np.ones(4, dtype=bool)).any()
 
 
 def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(data: Snapshots, scene: Scene) -> None:

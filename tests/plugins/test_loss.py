@@ -64,10 +64,11 @@ def test_navier_cauchy_is_the_mean_of_both_squares() -> None:
     assert float(loss.value(jet, jet.value, body)) == pytest.approx(float((f**2 + g**2).mean()))
 
 
-def test_data_sums_over_components_and_averages_over_points() -> None:
+@pytest.mark.parametrize("name", ["data", "boundary"])
+def test_distances_are_summed_over_components_and_averaged_over_points(name: str) -> None:
     jet = quadratic()
     target = jet.value + torch.tensor([[1.0, 2.0], [0.0, 3.0]])
-    assert float(plugin("loss", "data")().value(jet, target, scene(small()))) == pytest.approx((1 + 4 + 9) / 2)
+    assert float(plugin("loss", name)().value(jet, target, scene(small()))) == pytest.approx((1 + 4 + 9) / 2)
 
 
 def test_boundary_asks_for_the_clamp_to_rest() -> None:
@@ -82,7 +83,8 @@ def test_boundary_refuses_a_body_without_a_clamp() -> None:
 
 
 @pytest.mark.parametrize(
-    "fields", [{"form": "publshed"}, {"lame_mpa": -1.0}, {"weight": -1.0}, {"weight": float("nan")}]
+    "fields",
+    [{"form": "publshed"}, {"lame_mpa": -1.0}, {"shear_modulus_mpa": 0.0}, {"weight": -1.0}, {"weight": float("nan")}],
 )
 def test_navier_cauchy_refuses_nonsense(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
@@ -130,6 +132,26 @@ def test_traction_of_a_sheared_face_by_hand() -> None:
     rows[2, :, 0] = shear
     found = plugin("loss", "traction")().tractions(Jet(rows), scene).numpy()
     assert np.allclose(found, scene.shear_modulus_mpa * shear * normals[:, ::-1], rtol=1e-4, atol=1e-11)
+
+
+def test_yeoh_and_traction_are_the_means_of_their_squares() -> None:
+    scene = real_scene()
+    _, normals = scene.outline
+    torch.manual_seed(0)
+    jet = Jet(1e-2 * torch.randn(6, len(normals), 2, dtype=torch.double))
+    yeoh, traction = plugin("loss", "yeoh")(), plugin("loss", "traction")()
+    for loss, parts in ((yeoh, yeoh.residuals(jet, scene)), (traction, traction.tractions(jet, scene))):
+        squares = sum(float(x) ** 2 + float(z) ** 2 for x, z in parts)
+        assert float(loss.value(jet, jet.value, scene)) == pytest.approx(squares / len(normals)) and squares > 0
+
+
+@pytest.mark.parametrize(
+    "fields", [{"edge_mm": 0.0}, {"edge_mm": np.inf}, {"side_wall_share": 0.0}, {"side_wall_share": 1.01}]
+)
+def test_equilibrium_refuses_nonsense(fields: dict[str, Any]) -> None:
+    plugin("loss", "equilibrium")(edge_mm=0.5, side_wall_share=1.0)
+    with pytest.raises(InputError, match=next(iter(fields))):
+        plugin("loss", "equilibrium")(**fields)
 
 
 @pytest.mark.parametrize("name", ["yeoh", "traction", "equilibrium"])

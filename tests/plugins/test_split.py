@@ -1,3 +1,4 @@
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,9 @@ def test_extrapolate_refuses_a_range_without_snapshots() -> None:
 
 
 @pytest.mark.parametrize(
-    "fields", [{"train_fraction": 1.0}, {"train_fraction": 0.0}, {"tested": [0.5]}, {"tested": []}]
+    "fields",
+    [{"train_fraction": 1.0}, {"train_fraction": 0.0}, {"tested": [0.5]}, {"tested": []}]
+    + [{"tested": [0.88, 1.0]}, {"tested": [0.9, 1.1]}],
 )
 def test_extrapolate_refuses_fractions_that_leave_nothing(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
@@ -102,6 +105,17 @@ def test_snapshots_gives_as_many_as_it_is_asked_for(total: int) -> None:
         seen = make("snapshots", train_snapshots=count).seen(kpa)
         assert seen.sum() == count and seen[0] and seen[-1]
     assert np.array_equal(make("snapshots", train_snapshots=3).seen(KPA).nonzero()[0], [0, 49, 99])
+
+
+def test_snapshots_lie_as_near_as_can_be_to_chebyshevs_points() -> None:
+    """Against all ways to choose 4 of 9; the points (1 − cos(π k / 3)) / 2 are 0, ¼, ¾ and 1 of the range."""
+    for seed in range(5):
+        kpa = np.sort(np.random.default_rng(seed).uniform(10, 50, 9))
+        wanted = kpa[0] + (kpa[-1] - kpa[0]) * np.array([0.0, 0.25, 0.75, 1.0])
+        ways = np.array(list(combinations(range(9), 4)))
+        seen = make("snapshots", train_snapshots=4).seen(kpa).nonzero()[0]
+        away = np.abs(kpa[ways] - wanted).sum(axis=1)
+        assert np.abs(kpa[seen] - wanted).sum() == pytest.approx(away.min())
 
 
 @pytest.mark.parametrize("count", [1, 100])
