@@ -7,9 +7,10 @@ from pathlib import Path
 from pgdl_lab.files import replacing
 from pgdl_lab.stability.claims import NUMBER, UNKNOWN, claim
 from pgdl_lab.stability.figure import PARTS
-from pgdl_lab.stability.outcome import CAUSES, COVERED, GOOD, MODES, STALLED, WIDE, Trial, cells
+from pgdl_lab.stability.outcome import CAUSES, CONTACT, COVERED, GOOD, MODES, STALLED, WIDE, Trial, cells
 from pgdl_lab.stability.verdict import BAR, CRASH, MEANING, OUTCOMES, SILENT, counts, judge
 
+WORDS = {**CAUSES, CONTACT: "surfaces touch or pass through each other"}
 LISTED = 15  # trials of a kind; of more, how many there are
 HOW = f"""
 A right result errs by at most {GOOD:.0%}; a surrogate that errs by more than {STALLED:.0%} has stalled.
@@ -48,7 +49,7 @@ def _listed(outcome: str, trials: Sequence[Trial]) -> list[str]:
     lines += [f"{MEANING[outcome].capitalize()}.", ""]
     groups: dict[tuple[str, str, str], list[Trial]] = {}
     for trial, verdict in found:
-        what = ", ".join(CAUSES[cause] for cause in verdict.unnamed) if outcome == SILENT else ""
+        what = ", ".join(WORDS[cause] for cause in verdict.unnamed) if outcome == SILENT else ""
         groups.setdefault((trial.method, trial.axis, what), []).append(trial)
     ordered = sorted(groups.items(), key=lambda group: -len(group[1]))
     for (method, axis, what), group in ordered[:LISTED]:

@@ -15,7 +15,8 @@ from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics import path
 from pgdl_lab.mechanics.finite_strain import Model
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.mechanics.vtk import HEXAHEDRON
+from pgdl_lab.snapshots import Body, Observation
 from pgdl_lab.stability import learning, mechanics, run, truth
 from pgdl_lab.stability.claims import claim
 from pgdl_lab.stability.figure import draw
@@ -197,6 +198,18 @@ def test_a_ceiling_that_passes_through_its_floor_is_seen_without_the_code_of_con
         for mode in ("off", "auto")
     }
     assert overlaps(found["off"].body) and not overlaps(found["auto"].body)
+
+
+@pytest.mark.parametrize("nodes", [20, 27])
+def test_half_a_body_overlaps_with_its_mirror_image(nodes: int) -> None:
+    """A brick beside the plane y = 0, 0.5 mm from it, that is moved across."""
+
+    def moved(y_mm: float) -> Body:
+        at = 2 * HEXAHEDRON[:nodes] + [0.0, 0.5, 0.0]
+        shift = np.broadcast_to([0.0, y_mm, 0.0], (1, nodes, 3))
+        return Body(at, np.arange(nodes)[None], f"hexahedron{nodes}", np.array([1.0]), shift)
+
+    assert [overlaps(moved(y_mm)) for y_mm in (0.0, -0.5, -0.52, -0.54, -1.0)] == [False, False, False, True, True]
 
 
 def test_a_start_far_from_any_equilibrium_is_a_sentence() -> None:
