@@ -197,19 +197,21 @@ def draw(results: list[dict[str, Any]]) -> None:
     figure.savefig(FIGURE, dpi=110)
 
 
-def main() -> None:
-    """Train what is missing, print and draw."""
-    left_out.FEW = 0  # error bars of few points take five trainings more, and nobody asks for them here
-    deadline = time.monotonic() + (float(sys.argv[1]) if len(sys.argv) > 1 else math.inf)
+def setting() -> tuple[Snapshots, Scene, dict[str, dict[str, float]]]:
+    """The simulated finger, its scene, and what each term makes of the simulated displacement and of none."""
     registry.discover()
     finger = registry.plugin("finger", "pneunet")(chambers=CHAMBERS)
     solid = registry.plugin("fem", "solid")(estimate_error=False)
     snapshots, _, _ = cache.simulate(finger, solid, OBSERVATION, paths.RUNS / "snapshots")
-    scene = Scene.of(finger, snapshots)
-    some = np.arange(4, 44, 5)
-    floors = residuals(
-        {term: made(term, 1.0)[term] for term in TERMS}, scene, snapshots, 0 * snapshots.displacements, some
-    )
+    scene, losses = Scene.of(finger, snapshots), {term: made(term, 1.0)[term] for term in TERMS}
+    return snapshots, scene, residuals(losses, scene, snapshots, 0 * snapshots.displacements, np.arange(4, 44, 5))
+
+
+def main() -> None:
+    """Train what is missing, print and draw."""
+    left_out.FEW = 0  # error bars of few points take five trainings more, and nobody asks for them here
+    deadline = time.monotonic() + (float(sys.argv[1]) if len(sys.argv) > 1 else math.inf)
+    snapshots, scene, floors = setting()
     floor = {term: found["fem"] for term, found in floors.items()}
     path = paths.RUNS / f"physics_ablation_{CHAMBERS}_{STEPS}_{BATCH}.jsonl"
     results = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []

@@ -19,11 +19,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.physics_ablation import CHAMBERS, OBSERVATION, STEPS, TERMS, WORTHS_MM, Case, made, train
-from pgdl_lab import cache, paths, registry
-from pgdl_lab.assessment.residuals import residuals
+from benchmarks.physics_ablation import CHAMBERS, STEPS, TERMS, WORTHS_MM, Case, setting, train
+from pgdl_lab import paths
 from pgdl_lab.learning import left_out
-from pgdl_lab.learning.data import Scene
 
 SEEDS, SHARES = range(3), (0.01, 0.002)
 REACHES = {"trained": 44.0, "of interest": 50.0}  # [kPa]
@@ -66,13 +64,7 @@ def main() -> None:
     """Train what is missing and print."""
     left_out.FEW = 0  # error bars of few points take five trainings more, and nobody asks for them here
     deadline = time.monotonic() + (float(sys.argv[1]) if len(sys.argv) > 1 else math.inf)
-    registry.discover()
-    finger = registry.plugin("finger", "pneunet")(chambers=CHAMBERS)
-    solid = registry.plugin("fem", "solid")(estimate_error=False)
-    snapshots, _, _ = cache.simulate(finger, solid, OBSERVATION, paths.RUNS / "snapshots")
-    scene = Scene.of(finger, snapshots)
-    losses = {term: made(term, 1.0)[term] for term in TERMS}
-    found = residuals(losses, scene, snapshots, 0 * snapshots.displacements, np.arange(4, 44, 5))
+    snapshots, scene, found = setting()
     floors = {term: values["fem"] for term, values in found.items()}
     path = paths.RUNS / f"physics_beyond_{CHAMBERS}_{STEPS}.jsonl"
     results: dict[Reached, dict[str, Any]] = {}

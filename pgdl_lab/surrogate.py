@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from pgdl_lab.deploy import archive
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.inverse import Answer, Inverse
+from pgdl_lab.deploy.limits import Limits
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.deploy.query import points_of, pressures_of
 from pgdl_lab.deploy.shapes import Shapes
@@ -27,9 +28,6 @@ from pgdl_lab.heard import WARNINGS
 
 FORMAT = "pgdl_lab surrogate"
 VERSION = 3
-AT_REST = 0.1  # of the highest trained pressure: if the lowest lies below that, all from 0 kPa on count as trained
-ROUNDING = 1e-6  # of the largest trained pressure in size: what a controller's sums may lie off the trained ones
-BEYOND = 1.25  # times the highest trained pressure: as far as a surrogate answers; see docs/export.md
 UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}
 
 Floats = NDArray[np.float64]
@@ -108,6 +106,8 @@ class Surrogate(ABC):
         ones or a point off the body: "warn" (once for each of the two), "raise" or "ignore".
     shapes
         What `state` must look like.
+    limits
+        The pressures that it was trained on, and those that it answers.
     knows_body
         Whether a point off the body counts as the nearest one on it; else it is answered where it lies.
     """
@@ -120,8 +120,7 @@ class Surrogate(ABC):
         self.record = record
         self.outside = "warn"
         self._warned: dict[str, object] = {}
-        self._limits = self.trained_kpa(), self.allowed_kpa()
-        self._rounding_kpa = ROUNDING * max(map(abs, self._limits[0]))
+        self.limits = Limits.of(record.ranges)
         self._last: tuple[Floats, Probe] | None = None  # control loops ask for the same points again and again
 
     @abstractmethod
@@ -268,21 +267,11 @@ class Surrogate(ABC):
 
     def trained_kpa(self) -> tuple[float, float]:
         """Least and greatest pressure that count as trained [kPa]."""
-        if "pressure_kpa" not in self.record.ranges:
-            return -np.inf, np.inf
-        low, high = self.record.ranges["pressure_kpa"]
-        return 0.0 if 0 <= low <= AT_REST * high else low, high
+        return self.limits.trained.low, self.limits.trained.high
 
     def allowed_kpa(self) -> tuple[float, float]:
-        """Least and greatest pressure that is answered [kPa]: up to `BEYOND` times the highest trained one.
-
-        Below the trained ones it goes as far, but not to suction where none was trained.
-        """
-        low, high = self.trained_kpa()
-        if not np.isfinite(high):
-            return low, high
-        more = (BEYOND - 1) * max(abs(low), abs(high))
-        return max(low - more, 0.0) if low >= 0 else low - more, high + more
+        """Least and greatest pressure that is answered [kPa], see `Limits.of`."""
+        return self.limits.allowed.low, self.limits.allowed.high
 
     def save(self, path: str | Path) -> None:
         """Write the surrogate to `path`, in the safetensors format; the file appears there only when it is complete."""
@@ -330,8 +319,8 @@ class Surrogate(ABC):
             )
 
     def _check_pressures(self, points_mm: Floats, pressures_kpa: Floats, beyond: bool) -> None:
-        (low, high), rounding = self._limits[0], self._rounding_kpa
-        if not ((pressures_kpa < low - rounding) | (pressures_kpa > high + rounding)).any():
+        trained = self.limits.trained
+        if trained.holds(pressures_kpa):
             return
         if not beyond:
             self._check_distance(pressures_kpa)
@@ -339,7 +328,7 @@ class Surrogate(ABC):
             return
 
         def message() -> str:
-            farthest = _farthest(pressures_kpa, low, high)
+            farthest = trained.farthest(pressures_kpa)
             return (
                 f"{farthest:g} kPa lies outside the trained {self._trained()} kPa: give pressures in kPa within them, "
                 f"or take the answer as an extrapolation{self._told_bar(points_mm, farthest)}."
@@ -349,13 +338,12 @@ class Surrogate(ABC):
 
     def _check_distance(self, pressures_kpa: Floats) -> None:
         """Refuse pressures outside `allowed_kpa`."""
-        (low, high), rounding = self._limits[1], self._rounding_kpa
-        if ((pressures_kpa < low - rounding) | (pressures_kpa > high + rounding)).any():
-            farthest = _farthest(pressures_kpa, low, high)
+        allowed = self.limits.allowed
+        if not allowed.holds(pressures_kpa):
             raise TooFar(
-                f"{farthest:g} kPa lies too far outside the trained {self._trained()} kPa for an answer to be worth "
-                f"anything: give pressures in kPa from {low:g} to {high:g}, train on higher ones, or pass beyond=True "
-                "for whatever comes out."
+                f"{allowed.farthest(pressures_kpa):g} kPa lies too far outside the trained {self._trained()} kPa for "
+                f"an answer to be worth anything: give pressures in kPa from {allowed.low:g} to {allowed.high:g}, "
+                "train on higher ones, or pass beyond=True for whatever comes out."
             )
 
     def _trained(self) -> str:
@@ -381,12 +369,6 @@ def _outside_this_file() -> int:
     return level
 
 
-def _farthest(pressures_kpa: Floats, low: float, high: float) -> float:
-    """The pressure that lies farthest below `low` or above `high` [kPa]."""
-    which = np.atleast_1d(pressures_kpa)
-    return float(which[np.maximum(low - which, which - high).argmax()])
-
-
 class At:
     """A surrogate at fixed points; see `Surrogate.at`.
 
@@ -404,10 +386,10 @@ class At:
 
     def __init__(self, surrogate: Surrogate, points_mm: Floats, probe: Probe, beyond: bool = False) -> None:
         self._surrogate, self._points_mm, self._probe, self._beyond = surrogate, points_mm, probe, beyond
-        (low, high), allowed = surrogate._limits
-        largest, rounding = sys.float_info.max, surrogate._rounding_kpa  # infinite pressures are named below
-        self._low, self._high = max(low - rounding, -largest), min(high + rounding, largest)
-        self._least, self._most = (-largest, largest) if beyond else allowed
+        trained, allowed = surrogate.limits.trained, surrogate.limits.allowed
+        largest = sys.float_info.max  # infinite pressures are named below
+        self._low, self._high = max(trained.least, -largest), min(trained.most, largest)
+        self._least, self._most = (-largest, largest) if beyond else (allowed.least, allowed.most)
 
     def __call__(self, pressure_kpa: float) -> Floats:
         """Displacement (N, 2) [mm] at a pressure [kPa]."""

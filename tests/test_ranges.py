@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 
+from pgdl_lab.deploy import torch_form
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.errors import InputError
@@ -82,6 +84,22 @@ def test_pressures_are_answered_told_and_refused_by_how_far_they_lie(
         far = edge + out * off
         assert surrogate.at(INSIDE, beyond=True)(far) == pytest.approx(far)
         assert surrogate.predict(INSIDE, far, beyond=True) == pytest.approx(far)
+
+
+@pytest.mark.parametrize(("given", "_", "allowed"), RANGES)
+def test_an_exported_graph_answers_the_same_pressures(
+    given: list[float], _: object, allowed: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Zero(torch_form.Graph):
+        def forward(self, points_mm: torch.Tensor, pressure_kpa: torch.Tensor) -> torch.Tensor:
+            return torch.zeros(len(pressure_kpa), *points_mm.shape)
+
+    monkeypatch.setattr(torch_form, "_any_pressure", lambda _: Zero())
+    graph = torch_form.graph_of(Plain({"pressure_kpa": given}))
+    off = 2e-6 * max(map(abs, given))
+    for edge, out in zip(allowed, (-1, 1), strict=True):
+        answer = graph(torch.zeros(1, 2).double(), torch.tensor([edge + out * off / 4, edge + out * off]).double())
+        assert torch.isfinite(answer[0]).all() and torch.isnan(answer[1]).all()
 
 
 def test_a_surrogate_that_knows_no_pressures_answers_all() -> None:

@@ -19,7 +19,7 @@ from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.modal import ModalField
 from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
-from pgdl_lab.surrogate import ROUNDING, Surrogate
+from pgdl_lab.surrogate import Surrogate
 
 ON_BODY = -1e-6  # least weight of a point on the body; off it the graph answers with NaN
 ARGUMENTS = ("points_mm", "pressure_kpa")
@@ -161,9 +161,8 @@ def graph_of(surrogate: Surrogate) -> Graph:
     InputError
         When its model has none.
     """
-    (low, high), inner = surrogate.allowed_kpa(), _any_pressure(surrogate)
-    off = ROUNDING * abs(high)
-    return Allowed(inner, low - off, high + off).eval()
+    allowed = surrogate.limits.allowed
+    return Allowed(_any_pressure(surrogate), allowed.least, allowed.most).eval()
 
 
 def _any_pressure(surrogate: Surrogate) -> Graph:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.deploy.limits import BEYOND
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import SimulationStopped
 from pgdl_lab.learning.data import Samples, Scene
@@ -23,7 +24,6 @@ from pgdl_lab.learning.separable import SeparableRegression, chebyshev, evaluate
 from pgdl_lab.learning.triangulation import Triangulation
 from pgdl_lab.registry import plugin
 from pgdl_lab.snapshots import Observation
-from pgdl_lab.surrogate import BEYOND
 
 Floats = NDArray[np.float64]
 

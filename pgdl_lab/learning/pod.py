@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pgdl_lab.deploy.limits import BEYOND
 from pgdl_lab.learning.calibration import NORMAL, Floats, Held, above_fold, bar_deviations, fits, inside_folds
 from pgdl_lab.learning.linear import regression_of
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev, evaluated
-from pgdl_lab.surrogate import BEYOND
 
 if TYPE_CHECKING:
     from pgdl_lab.learning.data import Samples, Training
