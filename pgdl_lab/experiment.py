@@ -1,10 +1,12 @@
 """An experiment: everything that one run is made of, built from its configuration."""
 
+from __future__ import annotations
+
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import FrozenInstanceError, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -17,9 +19,16 @@ from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 from pgdl_lab.loss import Loss
 from pgdl_lab.model import Model
-from pgdl_lab.registry import KINDS, PARTS, config_node, plugin, require_values, restored
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.paths import CONF
+from pgdl_lab.registry import KINDS, PARTS, config_node, describe, discover, names, plugin, require_values, restored
+from pgdl_lab.snapshots import Observation, Snapshots
 from pgdl_lab.split import Split
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pgdl_lab.learning.data import Training
 
 SETTINGS = {
     "balancing": BalancingSettings,
@@ -51,7 +60,7 @@ class Experiment:
             raise InputError(f"seed is {self.seed}; it must be a whole number from 0 to 4294967295.")
 
     @classmethod
-    def from_config(cls, config: DictConfig) -> "Experiment":
+    def from_config(cls, config: DictConfig) -> Experiment:
         """Make the instances; each checks its own fields.
 
         Raises
@@ -74,6 +83,64 @@ class Experiment:
         name = config.get("yardstick")
         parts["yardstick"] = plugin("model", name)() if name and name != parts["model"].name else None
         return cls(**{field.name: parts[field.name] for field in fields(cls)})
+
+    @classmethod
+    def of(cls, **chosen: Any) -> Experiment:
+        """An experiment from Python; what is not chosen, or None, is what the command line takes for it.
+
+        Parameters
+        ----------
+        chosen
+            Fields of an experiment. A plugin is an instance or the name of one with its own defaults; losses are a list
+            of such, or instances by their names.
+
+        Raises
+        ------
+        InputError
+            If there is no plugin of a name, or a value lies outside its limits.
+        """
+        usual: Any = OmegaConf.to_container(OmegaConf.load(CONF / "config.yaml"))
+        for entry in usual["defaults"]:
+            usual |= entry if isinstance(entry, dict) else {}
+        parts = {name: settings() for name, settings in SETTINGS.items()} | {"seed": usual["seed"], "yardstick": None}
+        parts |= {kind: usual[kind] for kind in KINDS}
+        parts |= {name: value for name, value in chosen.items() if value is not None}
+        losses = parts.pop("loss")
+        if not isinstance(losses, Mapping):
+            made = [_made("loss", loss) for loss in ([losses] if isinstance(losses, str) else losses)]
+            losses = {describe(loss)["name"]: loss for loss in made}
+        return cls(loss=dict(losses), **{name: _made(name, part) for name, part in parts.items()})
+
+    def training(self, data: Snapshots, train: NDArray[np.int64], folder: Path, **beside: Any) -> Training:
+        """The training of this experiment's model on the points `train` (n,) of `data`.
+
+        Parameters
+        ----------
+        data
+            Snapshots of this experiment's finger.
+        train
+            Their indices, see `Samples.of`.
+        folder
+            Run folder.
+        beside
+            "logger" and "callbacks", see `Training`; "provenance", where it is not that of `data`.
+        """
+        from pgdl_lab.learning.data import Samples, Scene, Training
+
+        known: dict[str, Any] = {"provenance": data.provenance, "balancing": self.balancing}
+        return Training.of(
+            Samples.of(data, train), Scene.of(self.finger, data), self.loss, self.trainer, self.optimizer, self.seed,
+            folder, **(known | beside),
+        )  # fmt: skip
+
+
+def _made(kind: str, given: Any) -> Any:
+    """What is `given` for a part: an instance as it is, the name of a plugin as one with its own defaults."""
+    if not isinstance(given, str):
+        return given
+    if given not in names(kind):
+        discover(kind)
+    return plugin(kind, given)()
 
 
 def drop_unchosen(config: DictConfig, overrides: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""The way of the data: simulate, split, fit, assess. Who has read this file knows the project."""
+"""The way of the data: simulate, split, fit, assess. Read this file first."""
 
 import logging
 import time
@@ -15,11 +15,12 @@ from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.cache import simulate
 from pgdl_lab.epoch_logger import EpochLogger
 from pgdl_lab.experiment import Experiment
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.doubt import trained
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.registry import describe
 from pgdl_lab.search import trial
+from pgdl_lab.surrogate import ERROR
 from pgdl_lab.tracking import TrackedRun
 
 _log = logging.getLogger(__name__)
@@ -71,19 +72,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     selection = experiment.split.selection_points(snapshots, train, seed)
 
     start = time.perf_counter()
-    training = Training.of(
-        samples=Samples.of(snapshots, train),
-        scene=Scene.of(finger, snapshots),
-        losses=experiment.loss,
-        trainer=experiment.trainer,
-        optimizer=experiment.optimizer,
-        seed=seed,
-        folder=folder,
-        provenance=snapshots.provenance,
-        logger=EpochLogger(tracked),
-        balancing=experiment.balancing,
-        callbacks=trial.callbacks(folder, Samples.of(snapshots, selection)),
-    )
+    watching = trial.callbacks(folder, Samples.of(snapshots, selection))
+    training = experiment.training(snapshots, train, folder, logger=EpochLogger(tracked), callbacks=watching)
     try:
         surrogate = trained(experiment.model, training)
     except TrainingDiverged as diverged:
@@ -106,6 +96,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     )
     parts = train, selection, experiment.split
     assessment = assess(surrogate, snapshots, *parts, labels, seconds, folder, training, yardstick)
+    surrogate.record.provenance[ERROR] = assessment.metrics["surrogate_error"]
+    surrogate.save(folder / "surrogate.pt")
     paper = comparable(finger, experiment.split)
     Console().print(closing_table(assessment.metrics, assessment.highlights, paper))
     _log.info("Everything of this run is in %s", folder)

@@ -136,6 +136,15 @@ def discover_shipped(kind: str) -> None:
         _load(module, partial(importlib.import_module, module))
 
 
+def shipped_classes() -> list[type]:
+    """The plugins that come with the lab; others are neither imported nor among them."""
+    for kind in _plugins:
+        discover_shipped(kind)
+    own = [module for kind in _plugins for module in _modules([kind], SHIPPED_PLUGINS / kind)]
+    classes = [cls for known in _plugins.values() for cls in known.values()]
+    return [cls for cls in classes if cls.__module__ in own or cls.__module__.startswith("pgdl_lab.mechanics.")]
+
+
 def _modules(kinds: Iterable[str], only: Path | None = None) -> Iterator[str]:
     """Names of the modules with plugins of `kinds`, or of those in the folder `only`."""
     for kind in kinds:

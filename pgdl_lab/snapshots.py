@@ -128,6 +128,27 @@ class Snapshots:
         """What the simulation warned of, in sentences."""
         return list(self.provenance.get(WARNINGS, ()))
 
+    def plot(self, pressure_kpa: float, axes: Any = None) -> Any:
+        """Draw the bent face; see `pgdl_lab.plot`."""
+        from pgdl_lab.plotting import plot
+
+        return plot(self, pressure_kpa, axes)
+
+    def __repr__(self) -> str:
+        pressures, points = self.displacements.shape[:2]
+        name = self.provenance.get("finger", {}).get("name", "unknown finger")
+        fem = self.provenance.get("fem", {}).get("name")
+        return (
+            f"<Snapshots of {name}{f' by {fem}' if fem else ''}: {points:,} points of its side face at {pressures} "
+            f"pressures up to {self.pressures_kpa[-1]:g} kPa>"
+        )
+
+    def _repr_html_(self) -> str:
+        """A sentence and a picture, for notebooks."""
+        from pgdl_lab.plotting import shown
+
+        return shown(self)
+
     def save(self, path: Path) -> None:
         """Write an HDF5 file; `path` appears only when the file is whole."""
         with writing(path) as file:

@@ -30,6 +30,8 @@ FORMAT = "pgdl_lab surrogate"
 VERSION = 3
 UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}
 
+ERROR = "surrogate_error"  # in the provenance: what was found at points that were not trained on
+
 Floats = NDArray[np.float64]
 
 
@@ -145,6 +147,26 @@ class Surrogate(ABC):
     def warnings(self) -> list[str]:
         """What its simulation and its training warned of, in sentences."""
         return list(self.record.provenance.get(WARNINGS, ()))
+
+    @property
+    def error(self) -> dict[str, float | None]:
+        """Its error at points of the simulation that it was not trained on; empty where nobody looked.
+
+        "rms_mm" and "largest_mm" [mm]; "tip_mm" and "tip_percent", the largest at the tip [mm, % of its way].
+        """
+        return dict(self.record.provenance.get(ERROR, {}))
+
+    def plot(self, pressure_kpa: float, axes: Any = None) -> Any:
+        """Draw the bent face; see `pgdl_lab.plot`."""
+        from pgdl_lab.plotting import plot
+
+        return plot(self, pressure_kpa, axes)
+
+    def _repr_html_(self) -> str:
+        """The viewer, for notebooks."""
+        from pgdl_lab.deploy.viewer import framed
+
+        return framed(self, f"Surrogate “{self.model['name']}”")
 
     @property
     def face(self) -> Face:

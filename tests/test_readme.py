@@ -6,6 +6,7 @@ import re
 import shlex
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from omegaconf import OmegaConf
@@ -105,3 +106,12 @@ def test_the_loss_of_the_guide_trains(lab: Lab, tmp_path: Path) -> None:
     metrics = json.loads((tmp_path / "runs" / "latest" / "metrics.json").read_text())
     assert "area" in metrics["losses"] and metrics["residuals"]["area"]
     assert (tmp_path / "runs" / "latest" / "surrogate.pt").stat().st_size > 0
+
+
+def test_the_python_of_the_readme_runs(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (source,) = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict[str, Any] = {}
+    exec(source.replace("lab.Pneunet(chambers=6)", "lab.Pneunet(chambers=6), lab.Rod()"), names)  # half a second
+    assert names["surrogate"].error["rms_mm"] < 0.01
+    assert names["data"].pressures_kpa[-1] == 50

@@ -23,7 +23,6 @@ from pgdl_lab.errors import LabError
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.fem import Fem
 from pgdl_lab.files import replacing
-from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.doubt import trained
 from pgdl_lab.snapshots import Snapshots
 from pgdl_lab.surrogate import Surrogate
@@ -118,17 +117,8 @@ class Bench:
         """A surrogate trained as `how` says on the data of this bench, and the time it took [s]."""
         own = self.experiment
         with tempfile.TemporaryDirectory() as folder:
-            training = Training.of(
-                Samples.of(self.data, self.train),
-                Scene.of(own.finger, self.data),
-                how.loss,
-                replace(how.trainer, progress=False),
-                how.optimizer,
-                own.seed,
-                Path(folder),
-                {},
-                balancing=how.balancing,
-            )
+            quiet = replace(how, finger=own.finger, seed=own.seed, trainer=replace(how.trainer, progress=False))
+            training = quiet.training(self.data, self.train, Path(folder), provenance={})
             began = time.perf_counter()
             surrogate = trained(how.model, training)
             return surrogate, time.perf_counter() - began

@@ -14,7 +14,6 @@ from pgdl_lab.choosing.choice import Choice
 from pgdl_lab.choosing.settings import ChooseSettings
 from pgdl_lab.errors import LabError
 from pgdl_lab.experiment import Experiment
-from pgdl_lab.learning.data import Samples, Scene, Training
 from pgdl_lab.learning.doubt import trained
 from pgdl_lab.registry import plugin
 
@@ -70,18 +69,8 @@ def _trial(
     began = time.perf_counter()
     try:
         with tempfile.TemporaryDirectory() as folder:
-            training = Training.of(
-                Samples.of(snapshots, train),
-                Scene.of(choice.finger, snapshots),
-                experiment.loss,
-                replace(experiment.trainer, progress=False),
-                experiment.optimizer,
-                experiment.seed,
-                Path(folder),
-                snapshots.provenance,
-                balancing=experiment.balancing,
-            )
-            surrogate = trained(model, training)
+            quiet = replace(experiment, finger=choice.finger, trainer=replace(experiment.trainer, progress=False))
+            surrogate = trained(model, quiet.training(snapshots, train, Path(folder)))
     except LabError as failure:
         explain(f"surrogate: not {name}: {failure}")
         return False

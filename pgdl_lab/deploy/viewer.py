@@ -25,7 +25,7 @@ SHOWN = 21  # snapshots that are kept at most
 COLOURS = {"size": "viridis", "error": "magma", "signed": "RdYlBu_r"}
 
 
-def page(surrogate: Surrogate, snapshots: Snapshots, title: str) -> str:
+def page(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> str:
     """The HTML text.
 
     Parameters
@@ -33,7 +33,7 @@ def page(surrogate: Surrogate, snapshots: Snapshots, title: str) -> str:
     surrogate
         The surrogate; it knows its face.
     snapshots
-        The simulation that it was trained on.
+        The simulation that it was trained on, to be shown beside it; None shows the surrogate alone.
     title
         Heading of the page.
     """
@@ -63,20 +63,27 @@ def polynomial(surrogate: Surrogate, high_kpa: float) -> tuple[Floats, float]:
     return coefficients.reshape(-1, *truth.shape[1:]), error_mm
 
 
-def _content(surrogate: Surrogate, snapshots: Snapshots, title: str) -> dict[str, Any]:
+def framed(surrogate: Surrogate, title: str) -> str:
+    """HTML of a frame with the page of the surrogate alone, for a notebook."""
+    return (
+        f'<iframe srcdoc="{html.escape(page(surrogate, None, title))}" title="{html.escape(title)}" '
+        'style="width:100%;height:520px;border:0"></iframe>'
+    )
+
+
+def _content(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> dict[str, Any]:
     mesh, base = surrogate.face.mesh, surrogate.face.base
-    answered = snapshots.pressures_kpa[snapshots.pressures_kpa <= surrogate.allowed_kpa()[1]]
-    high_kpa, count = float(answered[-1]), len(answered)
-    coefficients, error_mm = polynomial(surrogate, high_kpa)
-    chosen = np.unique(np.linspace(0, count - 1, min(SHOWN, count)).round().astype(int))
-    simulated = snapshots.displacements[chosen]
-    errors_mm = np.linalg.norm(surrogate.probe(snapshots.points).values(snapshots.pressures_kpa[chosen]) - simulated,
-                               axis=2)  # fmt: skip
-    places = np.concatenate([mesh.points_mm[None], snapshots.points + simulated]).reshape(-1, 2)
+    kpa, simulated = _shown(surrogate, snapshots)
+    coefficients, error_mm = polynomial(surrogate, float(kpa[-1]))
+    predicted = surrogate.probe(mesh.points_mm).values(kpa)
+    errors_mm = np.empty(0) if simulated is None else np.linalg.norm(predicted - simulated, axis=2)
+    bent = predicted if simulated is None else simulated
+    places = np.concatenate([mesh.points_mm[None], mesh.points_mm + bent]).reshape(-1, 2)
     return {
         "title": title,
         "model": surrogate.model["name"],
-        "maxKpa": high_kpa,
+        "maxKpa": float(kpa[-1]),
+        "shownKpa": kpa.tolist(),
         "trainedKpa": surrogate.ranges["pressure_kpa"],
         "polynomialErrorMm": error_mm,
         "boundsMm": [places.min(axis=0).tolist(), places.max(axis=0).tolist()],
@@ -86,11 +93,20 @@ def _content(surrogate: Surrogate, snapshots: Snapshots, title: str) -> dict[str
         "base": _packed(base, "<u4"),
         "terms": len(coefficients),
         "coefficients": _packed(coefficients, "<f4"),
-        "femKpa": snapshots.pressures_kpa[chosen].tolist(),
-        "fem": _packed(simulated, "<f4"),
+        "femKpa": [] if simulated is None else kpa.tolist(),
+        "fem": _packed(np.empty(0) if simulated is None else simulated, "<f4"),
         "errors": _packed(errors_mm, "<f4"),
         "colours": {name: _colours(colour) for name, colour in COLOURS.items()},
     }
+
+
+def _shown(surrogate: Surrogate, snapshots: Snapshots | None) -> tuple[Floats, Floats | None]:
+    """Pressures (S,) [kPa] that the page is made for, and simulated displacements (S, N, 2) at them [mm]."""
+    if snapshots is None:
+        return np.linspace(0, surrogate.trained_kpa()[1], SHOWN), None
+    count = int((snapshots.pressures_kpa <= surrogate.allowed_kpa()[1]).sum())
+    chosen = np.unique(np.linspace(0, count - 1, min(SHOWN, count)).round().astype(int))
+    return snapshots.pressures_kpa[chosen], snapshots.displacements[chosen]
 
 
 def _packed(array: NDArray[Any], dtype: str) -> str:

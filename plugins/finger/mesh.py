@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @register("finger", "mesh")
 @dataclass(frozen=True)
-class Mesh(Finger):
+class MeshFinger(Finger):
     """A finger that was meshed elsewhere: tetrahedra or hexahedra in one file that meshio reads (.msh, .vtu, .inp, …).
 
     In the lab x runs from the clamp to the tip, z up and y to the side; `axes` turns a file in which it does not. The

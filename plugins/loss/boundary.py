@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @register("loss", "boundary")
 @dataclass(frozen=True)
-class Boundary(Loss):
+class BoundaryLoss(Loss):
     """Mean over the clamped points, u = 0 at x = 0, of the squared displacement [mm²]."""
 
     unit: ClassVar[str] = "mm²"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @register("loss", "data")
 @dataclass(frozen=True)
-class Data(Loss):
+class DataLoss(Loss):
     """Mean over the training points of the squared error of both components [mm²] (paper, eq. 12)."""
 
     unit: ClassVar[str] = "mm²"

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @register("loss", "equilibrium")
 @dataclass(frozen=True)
-class Equilibrium(PlaneLoss):
+class EquilibriumLoss(PlaneLoss):
     """Mean square of the strain [–] that would balance weight, follower pressure and stress on the x–z section.
 
     Finite elements on the section, of the width of the finger, over cavities that of both side walls; see

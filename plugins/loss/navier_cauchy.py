@@ -21,7 +21,7 @@ FORMS = ("published", "corrected")
 
 @register("loss", "navier_cauchy")
 @dataclass(frozen=True)
-class NavierCauchy(PhysicsLoss):
+class NavierCauchyLoss(PhysicsLoss):
     """Mean over the training points of f² + g², the residuals of the Navier–Cauchy equation (paper, eq. 13).
 
     Lengths are in mm and moduli in MPa, so that every term of the corrected form is a force per volume [N/mm³]. The

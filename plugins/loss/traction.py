@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @register("loss", "traction")
 @dataclass(frozen=True)
-class Traction(PlaneLoss):
+class TractionLoss(PlaneLoss):
     """Mean over the outline of the face, but for the clamp, of |P N|² [MPa²]: nothing acts on the outer surfaces.
 
     The side walls close the cavities, so the outline has no wall under air pressure. P is that of the finger's own

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @register("loss", "yeoh")
 @dataclass(frozen=True)
-class Yeoh(PlaneLoss):
+class YeohLoss(PlaneLoss):
     """Mean over the training points of |Div P + ρ₀ g|² [(N/mm³)²], P of the finger's own hyperelastic law.
 
     The law is that of the finger: Yeoh or any other of the first invariant. The side face is a free surface, σ e_y = 0,

@@ -12,7 +12,7 @@ from pgdl_lab.split import ROUNDING, Split, nearest
 
 @register("split", "extrapolate")
 @dataclass(frozen=True)
-class Extrapolate(Split):
+class ExtrapolateSplit(Split):
     """Points drawn at random from the snapshots up to a cut-off pressure (paper, section IV-A, second approach).
 
     Attributes

@@ -11,7 +11,7 @@ from pgdl_lab.split import Split
 
 @register("split", "random")
 @dataclass(frozen=True)
-class Random(Split):
+class RandomSplit(Split):
     """Points drawn at random from all snapshots (paper, section IV-A, first approach)."""
 
     def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:

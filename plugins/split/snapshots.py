@@ -12,7 +12,7 @@ from pgdl_lab.split import Split
 
 @register("split", "snapshots")
 @dataclass(frozen=True)
-class WholeSnapshots(Split):
+class SnapshotsSplit(Split):
     """Points drawn at random from a few snapshots; every other pressure is held out.
 
     The training snapshots lie as near as possible, in sum, to the Chebyshev points of the pressure range, end points

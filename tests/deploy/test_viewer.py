@@ -174,3 +174,24 @@ def test_task_writes_the_page(lab: Lab, small_run: Path, tmp_path: Path) -> None
     assert not re.search(r"(src|href|url)\s*[=(]\s*[\"']?(https?:)?//", text)
     client, run_id = MlflowClient(f"sqlite:///{tmp_path / 'mlflow.db'}"), (small_run / RUN_ID).read_text()
     assert Path(client.download_artifacts(run_id, "viewer.html")).read_text(encoding="utf-8") == text
+
+
+def test_surrogate_alone_has_nothing_to_be_compared_with(surrogate: Surrogate, tmp_path: Path) -> None:
+    need("chromium", "chromedriver")
+    path = tmp_path / "notebook.html"
+    path.write_text(f"<!doctype html><body>{surrogate._repr_html_()}", encoding="utf-8")
+    with browser(tmp_path) as opened:
+        opened.get(path.as_uri())
+        opened.switch_to.frame(opened.find_element(By.TAG_NAME, "iframe"))
+        high = surrogate.trained_kpa()[1]
+        opened.find_element(By.CSS_SELECTOR, "#slider").send_keys(Keys.END)
+        settled(opened)
+        assert shown_kpa(opened) == pytest.approx(high)
+        x, z = surrogate.tip_mm + surrogate.predict([surrogate.tip_mm], high)[0]
+        said = opened.find_element(By.ID, "readings").text.replace("−", "-")
+        assert [float(number) for number in re.findall(r"-?\d+\.\d+", said)] == pytest.approx([x, z], abs=0.006)
+        opened.find_element(By.TAG_NAME, "body").send_keys("f4")  # keys of what is not there do nothing
+        assert opened.execute_script("return [state.fem, state.colour]") == [False, "size"]
+        shown = {button.text for button in opened.find_elements(By.TAG_NAME, "button") if button.is_displayed()}
+        assert "base line" in shown and not {"FEM", "error"} & shown
+        assert opened.get_log("browser") == []
