@@ -39,7 +39,6 @@ _HOMES = {
     "TrainerSettings": "learning.settings",
     "TrainingDiverged": "learning.module",
     "load": "deploy.loading",
-    "plot": "plotting",
     "register": "registry",
     "simulate": "api",
     "train": "api",

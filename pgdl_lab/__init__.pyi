@@ -25,7 +25,6 @@ from pgdl_lab.loss import PhysicsLoss
 from pgdl_lab.mechanics.material import Material
 from pgdl_lab.mechanics.material import Yeoh as Yeoh
 from pgdl_lab.model import Model
-from pgdl_lab.plotting import plot as plot
 from pgdl_lab.registry import register as register
 from pgdl_lab.snapshots import Observation as Observation
 from pgdl_lab.snapshots import Snapshots as Snapshots

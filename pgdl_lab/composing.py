@@ -1,26 +1,22 @@
 """Configurations composed from choices, as the command line does it."""
 
-import pkgutil
 from collections.abc import Sequence
 
 from hydra import compose, initialize_config_dir
-from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
-from pgdl_lab import registry, tasks
+from pgdl_lab import registry
 from pgdl_lab.experiment import Experiment, drop_unchosen, store_schema
 from pgdl_lab.hydra_versions import BASE
 from pgdl_lab.paths import CONF
 
 
 def store_choices() -> None:
-    """Put all plugins, settings and tasks into Hydra's ConfigStore."""
+    """Put all plugins and settings into Hydra's ConfigStore."""
     registry.discover()
     registry.store()
     store_schema()
-    for module in pkgutil.iter_modules(tasks.__path__):
-        ConfigStore.instance().store(group="task", name=module.name, node={"task": module.name}, package="_global_")
 
 
 def composed(choices: Sequence[str]) -> DictConfig:

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pgdl_lab.files import replacing
-from pgdl_lab.search.objectives import numbers
+from pgdl_lab.metrics import numbers
 from pgdl_lab.sweep import FAILURE, OVERRIDES
 
 MESH_ERROR = "discretisation_error.tip_mm"

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.doubt import trained
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.registry import describe
-from pgdl_lab.search import trial
 from pgdl_lab.surrogate import ERROR
 from pgdl_lab.tracking import TrackedRun
 
@@ -34,7 +34,12 @@ def check(experiment: Experiment) -> None:
         loss.check(experiment.finger)
 
 
-def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, Any]:
+def run(
+    experiment: Experiment,
+    folder: Path,
+    tracked: TrackedRun,
+    watching: Callable[[Samples], Sequence[Any]] = lambda _: (),
+) -> dict[str, Any]:
     """Train and assess one surrogate; everything is written to `folder`.
 
     Parameters
@@ -45,6 +50,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
         Run folder.
     tracked
         Where the dataset and the metrics of the epochs are logged.
+    watching
+        Gives Lightning callbacks that watch the training, by the points that a search selects by.
 
     Returns
     -------
@@ -72,8 +79,8 @@ def run(experiment: Experiment, folder: Path, tracked: TrackedRun) -> dict[str, 
     selection = experiment.split.selection_points(snapshots, train, seed)
 
     start = time.perf_counter()
-    watching = trial.callbacks(folder, Samples.of(snapshots, selection))
-    training = experiment.training(snapshots, train, folder, logger=EpochLogger(tracked), callbacks=watching)
+    callbacks = watching(Samples.of(snapshots, selection))
+    training = experiment.training(snapshots, train, folder, logger=EpochLogger(tracked), callbacks=callbacks)
     try:
         surrogate = trained(experiment.model, training)
     except TrainingDiverged as diverged:

@@ -1,5 +1,8 @@
 """The dataset: displacements of the side face at rising pressures, and its HDF5 file."""
 
+from __future__ import annotations
+
+import html
 import json
 import os
 import time
@@ -7,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +19,10 @@ from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.files import replacing
 from pgdl_lab.hdf5 import require_contained
 from pgdl_lab.heard import WARNINGS
+from pgdl_lab.plotting import picture, plot_face
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FORMAT = "pgdl_lab snapshots"
 VERSION = 1
@@ -128,26 +135,46 @@ class Snapshots:
         """What the simulation warned of, in sentences."""
         return list(self.provenance.get(WARNINGS, ()))
 
-    def plot(self, pressure_kpa: float, axes: Any = None) -> Any:
-        """Draw the bent face; see `pgdl_lab.plot`."""
-        from pgdl_lab.plotting import plot
+    def plot(self, pressure_kpa: float, axes: Axes | None = None) -> Axes:
+        """Draw the bent side face over its shape at rest.
 
-        return plot(self, pressure_kpa, axes)
+        Parameters
+        ----------
+        pressure_kpa
+            The snapshot that is nearest to it is drawn [kPa].
+        axes
+            Where to draw, by default in a new figure of pyplot.
+
+        Raises
+        ------
+        InputError
+            When the pressure lies outside those of the snapshots.
+        """
+        known = self.pressures_kpa
+        if not 0 <= pressure_kpa <= known[-1]:
+            raise InputError(
+                f"pressure_kpa is {pressure_kpa:g}; these snapshots go from {known[0]:g} to {known[-1]:g} kPa."
+            )
+        nearest = int(np.abs(known - pressure_kpa).argmin())
+        title = f"{self._finger} at {known[nearest]:g} kPa"
+        return plot_face(self.points, self.triangles, self.base, self.displacements[nearest], title, axes)
 
     def __repr__(self) -> str:
         pressures, points = self.displacements.shape[:2]
-        name = self.provenance.get("finger", {}).get("name", "unknown finger")
-        fem = self.provenance.get("fem", {}).get("name")
+        fem = self.provenance.get("fem", {}).get("name", "unknown elements")
         return (
-            f"<Snapshots of {name}{f' by {fem}' if fem else ''}: {points:,} points of its side face at {pressures} "
-            f"pressures up to {self.pressures_kpa[-1]:g} kPa>"
+            f"<Snapshots of {self._finger} by {fem}: {points:,} points of its side face at {pressures} pressures up to "
+            f"{self.pressures_kpa[-1]:g} kPa>"
         )
+
+    @property
+    def _finger(self) -> str:
+        return str(self.provenance.get("finger", {}).get("name", "a finger"))
 
     def _repr_html_(self) -> str:
         """A sentence and a picture, for notebooks."""
-        from pgdl_lab.plotting import shown
-
-        return shown(self)
+        told = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in [repr(self)[1:-1], *self.warnings])
+        return told + picture(lambda axes: self.plot(float(self.pressures_kpa[-1]), axes), "the bent side face")
 
     def save(self, path: Path) -> None:
         """Write an HDF5 file; `path` appears only when the file is whole."""
@@ -158,7 +185,7 @@ class Snapshots:
                 _write(file.create_group("body"), self.body)
 
     @classmethod
-    def load(cls, path: Path) -> "Snapshots":
+    def load(cls, path: Path) -> Snapshots:
         """Read what `save` wrote; nothing in the file is ever run as code.
 
         Raises

@@ -25,6 +25,7 @@ from pgdl_lab.deploy.query import points_of, pressures_of
 from pgdl_lab.deploy.shapes import Shapes
 from pgdl_lab.errors import InputError
 from pgdl_lab.heard import WARNINGS
+from pgdl_lab.plotting import plot_face
 
 FORMAT = "pgdl_lab surrogate"
 VERSION = 3
@@ -157,10 +158,17 @@ class Surrogate(ABC):
         return dict(self.record.provenance.get(ERROR, {}))
 
     def plot(self, pressure_kpa: float, axes: Any = None) -> Any:
-        """Draw the bent face; see `pgdl_lab.plot`."""
-        from pgdl_lab.plotting import plot
+        """Draw the bent side face at a pressure [kPa] over its shape at rest, on `axes` or in a new figure of pyplot.
 
-        return plot(self, pressure_kpa, axes)
+        Raises
+        ------
+        InputError
+            See `predict`.
+        """
+        mesh = self.face.mesh
+        moved_mm = self.predict(mesh.points_mm, float(pressure_kpa))
+        title = f"model {self.model['name']} at {pressure_kpa:g} kPa"
+        return plot_face(mesh.points_mm, mesh.triangles, self.face.base, moved_mm, title, axes)
 
     def _repr_html_(self) -> str:
         """The viewer, for notebooks."""

@@ -6,7 +6,7 @@ finger = lab.Pneunet(chambers=2, material=lab.Yeoh(c1_mpa=0.12))
 data = lab.simulate(finger, lab.Rod(), observation=lab.Observation(snapshots=10))
 surrogate = lab.train(data, lab.Pod(degree=4), loss=["data", lab.BoundaryLoss(weight=0.5)])
 mean: float = surrogate.predict([[20.0, 0.0]], pressure_kpa=5.0).mean()
-lab.plot(surrogate, 5.0).set_title("bent")
+surrogate.plot(5.0).set_title("bent")
 answer = lab.load("surrogate.pt").pressure_for(tip=[None, -20.0])
 
 lab.Pneunet(chmbers=2)  # type: ignore[call-arg]

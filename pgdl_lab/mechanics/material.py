@@ -11,29 +11,11 @@ from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.invariants import first_invariant
+from pgdl_lab.mechanics.response import Isochoric
 from pgdl_lab.mechanics.stability import STABLE_STRETCH, weakness
 from pgdl_lab.registry import register
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Isochoric:
-    """What a law answers to a right Cauchy–Green tensor C = FᵀF, without the part of the pressure.
-
-    Attributes
-    ----------
-    energy
-        (…) energy density W [MPa].
-    stress
-        (6, …) second Piola–Kirchhoff stress 2 ∂W/∂C [MPa].
-    tangent
-        (6, 6, …) 4 ∂²W/∂C∂C [MPa]; None if not asked for.
-    """
-
-    energy: Array
-    stress: Array
-    tangent: Array | None
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgdl_lab.mechanics.invariants import inverse_and_determinant, product
-from pgdl_lab.mechanics.material import Array, Isochoric, Material
+from pgdl_lab.mechanics.material import Array, Material
+from pgdl_lab.mechanics.response import Isochoric
 from pgdl_lab.mechanics.solid import InvertedElement
 
 ACROSS = 1  # the component 22 of a tensor, along y

@@ -6,15 +6,12 @@ elliptic (m·A(n) m > 0 with the acoustic tensor A and every m ⊥ n: J. K. Know
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.invariants import PLACES
-
-if TYPE_CHECKING:
-    from pgdl_lab.mechanics.material import Isochoric
+from pgdl_lab.mechanics.response import Isochoric
 
 Array = NDArray[np.float64]
 
@@ -30,7 +27,7 @@ MODES = {
 }
 
 
-def weakness(isochoric: Callable[[Array], "Isochoric"]) -> str:
+def weakness(isochoric: Callable[[Array], Isochoric]) -> str:
     """What goes wrong first, as the end of a sentence; empty if nothing does.
 
     Parameters
@@ -57,7 +54,7 @@ def weakness(isochoric: Callable[[Array], "Isochoric"]) -> str:
     return f"{what} in {mode} at a stretch of {at:.3g}"
 
 
-def _falls(stretch: Array, exponents: Array, answer: "Isochoric") -> NDArray[np.bool_]:
+def _falls(stretch: Array, exponents: Array, answer: Isochoric) -> NDArray[np.bool_]:
     """Where the second derivative of the energy along each mode (M, S) is not positive."""
     assert answer.tangent is not None
     slope = exponents * stretch ** (exponents - 1)
@@ -67,7 +64,7 @@ def _falls(stretch: Array, exponents: Array, answer: "Isochoric") -> NDArray[np.
     return np.asarray(~(second > 0))
 
 
-def _waves(c: Array, answer: "Isochoric") -> NDArray[np.bool_]:
+def _waves(c: Array, answer: Isochoric) -> NDArray[np.bool_]:
     """Where some wave (M, S) has no real speed; its directions in one octant stand for all, as C is diagonal."""
     assert answer.tangent is not None
     polar, turn = (angle.ravel() for angle in np.meshgrid(*2 * [np.linspace(0, np.pi / 2, ANGLES)]))

@@ -2,11 +2,11 @@
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.metrics import numbers
 from pgdl_lab.registry import closest
 from pgdl_lab.search.settings import MISFIT, NONE_LEFT, SELECTION_MM2
 
@@ -42,12 +42,3 @@ def values(folder: Path, objectives: Iterable[str], targets: Mapping[str, Sequen
             raise LabError(f"{name} is {value}.")
         found.append(value)
     return found
-
-
-def numbers(tree: Any, key: str = "") -> Iterator[tuple[str, float]]:
-    """Dotted keys and values of the numbers in a JSON tree; the entries of a list are numbered from 0."""
-    if isinstance(tree, Mapping | list):
-        for name, child in tree.items() if isinstance(tree, Mapping) else enumerate(tree):
-            yield from numbers(child, f"{key}.{name}" if key else str(name))
-    elif isinstance(tree, int | float) and not isinstance(tree, bool):
-        yield key, float(tree)

@@ -9,15 +9,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.files import replacing
-
-if TYPE_CHECKING:
-    from lightning.pytorch import Callback
-
-    from pgdl_lab.learning.data import Samples
 
 TICKET = "trial.json"
 PRUNED = "pruned"
@@ -68,24 +63,6 @@ def ticket(folder: Path) -> Ticket | None:
     """The ticket in the folder of a job, None if it is no trial."""
     file = folder / TICKET
     return Ticket(**json.loads(file.read_text(encoding="utf-8"))) if file.is_file() else None
-
-
-def callbacks(folder: Path, selection: Samples) -> list[Callback]:
-    """What watches the training of the job in `folder`: the pruner of its study, if it has one.
-
-    Parameters
-    ----------
-    folder
-        Folder of the job.
-    selection
-        The points that the search selects by.
-    """
-    mine = ticket(folder)
-    if mine is None or mine.pruner is None:
-        return []
-    from pgdl_lab.search.pruning import Pruning  # loads Optuna
-
-    return [Pruning(mine, folder, selection)]
 
 
 @contextmanager

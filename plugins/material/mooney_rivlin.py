@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.invariants import first_invariant, second_invariant
-from pgdl_lab.mechanics.material import CalculixCard, Isochoric, Material
+from pgdl_lab.mechanics.material import CalculixCard, Material
+from pgdl_lab.mechanics.response import Isochoric
 from pgdl_lab.registry import register
 
 
