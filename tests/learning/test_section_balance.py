@@ -89,3 +89,22 @@ def test_the_sections_own_equilibrium_has_almost_no_residual() -> None:
     for kpa, in_balance in ((20.0, True), (20.1, False)):
         jet = Jet(u[None], torch.full((len(u),), kpa, dtype=torch.double))
         assert (loss.value(jet, 0 * u, scene) < 1e-12) == in_balance
+
+
+def test_pressure_widens_the_cavities() -> None:
+    """The work on a body that grows by ε is 2 ε p V for the air V of one chamber and its channel, and gains energy."""
+    balance = section(chambers=1)
+    points = torch.from_numpy(balance.points_mm)
+    pushed = balance.forces(torch.zeros_like(points), P_MPA) + balance.weight
+    assert float((pushed * points).sum()) == pytest.approx(-2 * float(P_MPA) * 4.5 * 11 * 10)
+
+
+def test_mean_square_strain_of_a_body_that_is_stretched() -> None:
+    """The forces of G on u_x = γ x, whose strain is γ everywhere, are those of the stress μ γ."""
+    balance, strain = section(), 0.03
+    assert balance.points_mm[:, 0].min() == 0
+    shear = pneunet().material.shear_modulus_mpa
+    local = shear * strain * torch.einsum("eq,eaq->ea", balance.stiff, balance.gradients[..., 0])
+    forces = torch.zeros(len(balance.points_mm), 2, dtype=torch.double)
+    forces[:, 0].index_add_(0, balance.nodes.ravel(), local.ravel())
+    assert float(balance.mean_square_strain(forces)) == pytest.approx(strain**2)
