@@ -132,3 +132,17 @@ def test_terms_without_weight_have_no_share_of_the_gradient(tmp_path: Path) -> N
     field = plugin("model", "mlp")(depth=1, width=4).new_field(whole)
     objective = Objective(field, whole.losses, whole.samples, whole.scene, BalancingSettings())
     assert objective.gradient_shares(objective.terms(torch.arange(10), torch.Generator())) == {"data": 0.0}
+
+
+def test_norms_of_gradients_by_hand(tmp_path: Path) -> None:
+    """Of 3 a + 4 b, of a number, and of what depends on some of the weights alone."""
+    whole = training(tmp_path, {"data": {}})
+    field = plugin("model", "mlp")(depth=1, width=4).new_field(whole)
+    objective = Objective(field, whole.losses, whole.samples, whole.scene, BalancingSettings())
+    first, *_, last = field.parameters()
+    terms = {
+        "both": 3 * first.flatten()[0] + 4 * last.flatten()[0],
+        "number": torch.tensor(2.0),
+        "one": 2 * last.flatten()[1],
+    }
+    assert objective.gradient_norms(terms) == pytest.approx({"both": 5.0, "number": 0.0, "one": 2.0})

@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from pgdl_lab.errors import InputError
 from pgdl_lab.finger import ExtrudedFinger
 from pgdl_lab.learning.data import Scene
 from pgdl_lab.learning.jet import Jet
@@ -108,3 +109,11 @@ def test_mean_square_strain_of_a_body_that_is_stretched() -> None:
     forces = torch.zeros(len(balance.points_mm), 2, dtype=torch.double)
     forces[:, 0].index_add_(0, balance.nodes.ravel(), local.ravel())
     assert float(balance.mean_square_strain(forces)) == pytest.approx(strain**2)
+
+
+def test_a_finger_without_a_profile_is_told_from_none_at_all() -> None:
+    loss = plugin("loss", "equilibrium")()
+    with pytest.raises(InputError, match="a finger with a profile, but none is known; leave it out"):
+        loss.check(None)
+    with pytest.raises(InputError, match=r"a finger with a profile, but \w+ has none; leave it out"):
+        loss.check(plugin("finger", "mesh")(path="examples/finger.msh"))

@@ -88,7 +88,9 @@ def test_mkl_is_taken_from_where_pip_put_it(known: bool, monkeypatch: pytest.Mon
     def files(name: str) -> list[Any] | None:
         assert name == "mkl"
         named = ("libmkl_core.so.2", library.name, "libmkl_rt.py")
-        return [SimpleNamespace(name=each, locate=lambda each=each: tmp_path / each) for each in named] if known else None
+        return (
+            [SimpleNamespace(name=each, locate=lambda each=each: tmp_path / each) for each in named] if known else None
+        )
 
     monkeypatch.setattr(linear, "files", files)
     monkeypatch.delenv("PYPARDISO_MKL_RT", raising=False)
