@@ -1,0 +1,162 @@
+"""Newton's and the BFGS method on potentials whose lowest point is known, without any finite element."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pgdl_lab.mechanics import newton, quasi_newton
+from pgdl_lab.mechanics.newton import NoConvergence, solve, step_length
+from pgdl_lab.mechanics.solid import InvertedElement
+
+Array = NDArray[np.float64]
+SHAPE = 4, 3
+FREE = np.arange(12).reshape(SHAPE) % 5 > 0
+STIFF = np.linspace(1, 4, 12).reshape(SHAPE)
+ROOTS = np.where(FREE, np.linspace(-2, 3, 12).reshape(SHAPE), 0.0)
+
+
+class Springs:
+    """Springs that harden, k u + c u³ = f, with the equilibrium `ROOTS`; some are held."""
+
+    free = FREE
+
+    def __init__(self, hard: float, far_mm: float = np.inf, reach: Callable[[Array, Array], float] | None = None):
+        self.hard, self.far_mm, self.asked = hard, far_mm, 0
+        self.force = STIFF * ROOTS + hard * ROOTS**3
+        self.free_step = reach or (lambda displacement, correction: 1.0)
+
+    def balance(self, u: Array, load: Any, *, stiffness: bool) -> Any:
+        self.asked += 1
+        if np.abs(u).max() > self.far_mm:
+            raise InvertedElement
+        energy = float((STIFF * u**2 / 2 + self.hard * u**4 / 4 - self.force * u).sum())
+        tangent = (STIFF + 3 * self.hard * u**2)[FREE] if stiffness else None
+        return SimpleNamespace(energy=energy, forces=STIFF * u + self.hard * u**3 - self.force, stiffness=tangent)
+
+
+class Diagonal:
+    """A solver for them."""
+
+    def __init__(self, first: Array | None = None) -> None:
+        self.diagonal, self.factorised = first, 0
+
+    def factorise(self, diagonal: Array) -> None:
+        self.diagonal, self.factorised = diagonal, self.factorised + 1
+
+    def solve(self, right: Array) -> Array:
+        assert self.diagonal is not None
+        return right / self.diagonal
+
+
+def found(springs: Any, solver: Any, tolerance_mm: float = 1e-9) -> newton.Solution:
+    load: Any = None
+    return solve(springs, solver, np.zeros(SHAPE), load, tolerance_mm)
+
+
+def settled(springs: Any, solver: Any, accuracy: float = 1e-8) -> Array:
+    load: Any = None
+    return quasi_newton.settle(springs, solver, np.zeros(SHAPE), load, accuracy)
+
+
+@pytest.mark.parametrize("hard", [0.0, 0.3, 5.0])
+def test_newton_finds_the_equilibrium_and_counts(hard: float) -> None:
+    solver = Diagonal()
+    solution = found(Springs(hard), solver)
+    np.testing.assert_allclose(solution.displacement, ROOTS, atol=1e-9)
+    assert solution.iterations == solver.factorised and solution.correction_mm < 1e-9
+    if hard == 0:
+        assert solution.iterations == 2  # the second finds nothing left
+
+
+def test_newton_waits_for_a_step_that_is_taken_whole() -> None:
+    """Each step is cut to half until the fifth: a small correction that is cut is no end."""
+    steps: list[float] = []
+
+    def reach(displacement: Array, correction: Array) -> float:
+        steps.append(float(np.abs(correction).max()))
+        return 0.5 if len(steps) < 5 else 1.0
+
+    solution = found(Springs(0.0, reach=reach), Diagonal(), tolerance_mm=10.0)
+    assert solution.iterations == 5
+    assert steps == pytest.approx([3.0, 1.5, 0.75, 0.375, 0.1875])
+    np.testing.assert_allclose(solution.displacement, ROOTS, atol=1e-12)
+
+
+def test_newton_gives_up_after_fifteen_iterations_and_on_what_is_no_number() -> None:
+    solver = Diagonal()
+    with pytest.raises(NoConvergence):
+        found(Springs(0.0, reach=lambda *_: 0.5), solver, tolerance_mm=1e-300)
+    assert solver.factorised == 15
+    broken: Any = SimpleNamespace(factorise=lambda _: None, solve=lambda right: np.nan * right)
+    with pytest.raises(NoConvergence):
+        found(Springs(0.0), broken)
+    with pytest.raises(NoConvergence):
+        found(Springs(0.0, far_mm=-1.0), Diagonal())  # inverted at the start
+
+
+def line(energies: dict[float, float | None], descent: float, longest: float = 1.0) -> float:
+    """The step along a line on which these are the energies, None where an element is inverted; 0 at its start."""
+
+    def balance(u: Array, load: Any, *, stiffness: bool) -> Any:
+        assert not stiffness
+        energy = energies[float(u[0, 0]) - 7.0]
+        if energy is None:
+            raise InvertedElement
+        return SimpleNamespace(energy=energy)
+
+    equilibrium: Any = SimpleNamespace(balance=balance)
+    here: Any = SimpleNamespace(energy=0.0)
+    load: Any = None
+    return step_length(equilibrium, np.full((1, 3), 7.0), np.ones((1, 3)), load, here, descent, longest)
+
+
+def test_a_step_is_halved_until_elements_are_valid_and_the_energy_has_fallen_enough() -> None:
+    assert line({1.0: -1e-3}, descent=-10.0) == 1.0  # exactly 1e-4 of what the slope promises
+    assert line({1.0: -0.99e-3, 0.5: -0.5e-3}, descent=-10.0) == 0.5
+    assert line({1.0: None, 0.5: 3.0, 0.25: -1.0}, descent=-10.0) == 0.25
+    assert line({1.0: 5.0}, descent=np.inf) == 1.0  # any energy will do
+    assert line({0.75: 1.0, 0.375: -1.0}, descent=-1.0, longest=0.75) == 0.375
+    halves = {2.0**-k: 1.0 for k in range(20)}
+    with pytest.raises(NoConvergence):
+        line(halves, descent=-1.0)
+    assert line({**halves, 2.0**-9: -1.0}, descent=-1.0) == 2.0**-9  # above a thousandth
+    with pytest.raises(NoConvergence):
+        line({**halves, 2.0**-10: -1.0}, descent=-1.0)
+
+
+def test_direction_is_that_of_the_updated_inverse() -> None:
+    """H ← (I − s yᵀ/sᵀy) H (I − y sᵀ/sᵀy) + s sᵀ/sᵀy, update after update."""
+    rng = np.random.default_rng(0)
+    diagonal, forces = rng.uniform(1, 3, 6), rng.normal(size=6)
+    inverse, updates = np.diag(1 / diagonal), []
+    for _ in range(3):
+        s, y = rng.normal(size=(2, 6))
+        rho = 1 / float(s @ y)
+        inverse = (np.eye(6) - rho * np.outer(s, y)) @ inverse @ (np.eye(6) - rho * np.outer(y, s))
+        inverse += rho * np.outer(s, s)
+        updates.append((s, y, rho))
+    solver: Any = Diagonal(diagonal)
+    np.testing.assert_allclose(quasi_newton._direction(solver, updates, forces), inverse @ forces, rtol=1e-10)
+
+
+@pytest.mark.parametrize("hard", [0.0, 0.02, 0.3])
+def test_bfgs_settles_in_the_equilibrium(hard: float) -> None:
+    """It ends where a step promises 1e-10 of the energy released, some 30 N mm: 5e-5 mm of a spring of 1 N/mm."""
+    solver = Diagonal(STIFF[FREE])
+    np.testing.assert_allclose(settled(Springs(hard), solver), ROOTS, atol=5e-5)
+    assert solver.factorised <= (0 if hard == 0 else 4)
+
+
+def test_bfgs_goes_on_behind_what_inverts_an_element_and_gives_up_where_it_must() -> None:
+    """The first way would go to the root of the softer springs, twice as far as elements are valid."""
+    springs = Springs(0.02, far_mm=3.5)
+    solver = Diagonal(0.4 * STIFF[FREE])
+    np.testing.assert_allclose(settled(springs, solver), ROOTS, atol=5e-5)
+    with pytest.raises(NoConvergence):
+        settled(Springs(0.0, far_mm=-1.0), Diagonal(STIFF[FREE]))
+    with pytest.raises(NoConvergence):
+        settled(Springs(0.3, reach=lambda *_: 1e-3), Diagonal(STIFF[FREE]))
