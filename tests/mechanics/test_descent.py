@@ -160,3 +160,92 @@ def test_bfgs_goes_on_behind_what_inverts_an_element_and_gives_up_where_it_must(
         settled(Springs(0.0, far_mm=-1.0), Diagonal(STIFF[FREE]))
     with pytest.raises(NoConvergence):
         settled(Springs(0.3, reach=lambda *_: 1e-3), Diagonal(STIFF[FREE]))
+
+
+class Soft:
+    """One spring that gives in, atan u = atan 1.5, whose linearisation shoots far beyond from afar."""
+
+    free = np.ones((1, 1), dtype=bool)
+
+    def __init__(self) -> None:
+        self.visited: list[tuple[float, float]] = []  # places whose stiffness was asked for, and their energies
+
+    def free_step(self, displacement: Array, correction: Array) -> float:
+        return 1.0
+
+    def balance(self, u: Array, load: Any, *, stiffness: bool) -> Any:
+        at = float(u[0, 0])
+        energy = at * np.arctan(at) - np.log1p(at**2) / 2 - np.arctan(1.5) * at
+        if stiffness:
+            self.visited.append((at, energy))
+        tangent = np.array([1 / (1 + at**2)]) if stiffness else None
+        return SimpleNamespace(energy=energy, forces=np.arctan(u) - np.arctan(1.5), stiffness=tangent)
+
+
+def test_newton_takes_the_first_step_whole_and_lowers_the_energy_by_every_other() -> None:
+    spring: Any = Soft()
+    load: Any = None
+    solution = solve(spring, Diagonal(), np.full((1, 1), -5.0), load, 1e-9)
+    assert solution.displacement[0, 0] == pytest.approx(1.5, abs=1e-12)
+    places, energies = zip(*spring.visited, strict=True)
+    assert places[1] == pytest.approx(-5 + 26 * (np.arctan(5) + np.arctan(1.5)))  # the whole way, to some 56
+    assert energies[1] > energies[0] and (np.diff(energies[1:]) <= 1e-15).all()
+    whole = places[1] - (1 + places[1] ** 2) * (np.arctan(places[1]) - np.arctan(1.5))
+    assert whole < -1000 < -100 < places[2]  # which the second step does not go
+
+
+def cut(energies: dict[float, float | None], slope: float = -1.0, start: float = 0.0, reach: float = 1.0) -> float:
+    """How much of a way is taken on which these are the energies, from that at its start."""
+
+    def balance(u: Array, load: Any, *, stiffness: bool) -> Any:
+        energy = next(value for key, value in energies.items() if key == pytest.approx(float(u[0, 0])))
+        if energy is None:
+            raise InvertedElement
+        return SimpleNamespace(energy=start + energy)
+
+    equilibrium: Any = SimpleNamespace(balance=balance, free_step=lambda *_: reach)
+    here: Any = SimpleNamespace(energy=start)
+    load: Any = None
+    length, there = quasi_newton._step(equilibrium, np.zeros((1, 3)), np.ones((1, 3)), load, here, slope)
+    assert (there is here) == (length == 0)
+    return length
+
+
+def test_bfgs_cuts_a_step_to_the_lowest_point_of_a_parabola() -> None:
+    assert cut({1.0: -1.1e-4}) == 1.0 and cut({1.0: -0.9e-4, 0.5: -1.0}) == pytest.approx(0.5, rel=1e-3)
+    assert cut({1.0: 1.5, 0.2: -0.1}) == pytest.approx(0.2)  # −l + 2.5 l² is lowest at 0.2
+    assert cut({1.0: 100.0, 0.1: -0.1}) == pytest.approx(0.1)  # at least a tenth
+    assert cut({0.4: 0.6, 0.08: -0.01}, reach=0.4) == pytest.approx(0.08)  # −l + 6.25 l² at 0.08
+    assert cut({1.0: 1.0, 0.4: -0.8}, slope=-4.0) == pytest.approx(0.4)  # −4 l + 5 l² at 0.4
+    assert cut({1.0: None, 0.5: None, 0.25: -0.1}) == pytest.approx(0.25)
+    assert cut({}, slope=0.0) == 0 and cut({}, slope=1.0) == 0
+    assert cut({10.0**-k: 100.0 for k in range(6)}) == 0
+
+
+def test_bfgs_sees_an_energy_no_better_than_its_round_off() -> None:
+    """Of 1e8 N mm the last 1e-5: a fall by 1e-4 that is missed by less is one, and by more is none."""
+    assert cut({1.0: -0.95e-4}, start=1e8) == 1.0
+    assert cut({1.0: -0.85e-4, 0.5: -1.0}, start=1e8) < 1
+
+
+def descended(accuracy: float, steps: int) -> tuple[float, bool]:
+    """One spring of 1 N/mm from 100 mm to 101 mm, with a solver that takes it for 1.25 N/mm."""
+
+    def balance(u: Array, load: Any, *, stiffness: bool) -> Any:
+        away = float(u[0, 0]) - 101
+        return SimpleNamespace(energy=away**2 / 2, forces=u - 101)
+
+    spring: Any = SimpleNamespace(free=np.ones((1, 1), dtype=bool), balance=balance, free_step=lambda *_: 1.0)
+    start = np.full((1, 1), 100.0)
+    solver: Any = Diagonal(np.array([1.25]))
+    load: Any = None
+    end, near = quasi_newton._descend(spring, solver, start, 0.5, start, load, accuracy, steps)
+    return float(end[0, 0]), near
+
+
+def test_bfgs_learns_the_stiffness_from_its_first_step_and_ends_by_its_last() -> None:
+    """0.8 mm of 1 mm, and the rest exactly, which is a fifth of the way from the start."""
+    assert descended(0.0, 1) == (pytest.approx(100.8), False)
+    assert descended(0.15, 2) == (pytest.approx(101.0, abs=1e-12), False)
+    assert descended(0.25, 2) == (pytest.approx(101.0, abs=1e-12), True)
+    assert descended(0.0, 3) == (pytest.approx(101.0, abs=1e-12), True)  # nothing is left to gain

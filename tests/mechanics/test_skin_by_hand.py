@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from skfem import MeshHex
+from skfem import MeshHex, MeshTet
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics.collision import ends
@@ -37,6 +37,15 @@ def test_nodes_of_a_face_go_round_it_and_its_middles_lie_between(kind: str) -> N
     middle = corners.mean(axis=1)
     beyond = middle + 1e-3 * outwards
     assert ((beyond < 0) | (beyond > [3.0, 2.0, 1.5])).any(axis=1).all()
+
+
+@pytest.mark.parametrize("kind", [name for name in sorted(ELEMENTS) if ELEMENTS[name].cells == "tetrahedra"])
+def test_middles_of_all_four_faces_of_one_tetrahedron(kind: str) -> None:
+    alone = discretise(
+        MeshTet(np.array([[0.0, 3, 0, 0], [0, 0, 4, 0], [0, 0, 0, 2]]), np.arange(4)[:, None]), ELEMENTS[kind]
+    )
+    x = alone.positions[faces_of(alone, np.arange(4))]
+    np.testing.assert_allclose(x[:, 3:6], (x[:, :3] + np.roll(x[:, :3], -1, axis=1)) / 2, atol=1e-12)
 
 
 def test_bulge_of_a_face_that_is_only_twisted() -> None:
@@ -81,6 +90,8 @@ FLAT = np.eye(3)
 def test_smallest_distance_at_rest_of_two_cubes(below: Array, above: Array) -> None:
     cube = MeshHex.init_tensor(*3 * [np.linspace(-1, 1, 3)])
     low, high = below @ cube.p, above @ cube.p
+    if above is not ON_A_CORNER:
+        high[:2] += [[0.13], [0.17]]  # so that edges do not cross in their middles, where samples are
     high[2] += low[2].max() - high[2].min() + 0.08
     both = MeshHex(np.hstack([low, high]), np.hstack([cube.t, cube.t + cube.p.shape[1]]))
     elements = discretise(both, ELEMENTS["hex20"])
