@@ -249,3 +249,19 @@ def test_bfgs_learns_the_stiffness_from_its_first_step_and_ends_by_its_last() ->
     assert descended(0.15, 2) == (pytest.approx(101.0, abs=1e-12), False)
     assert descended(0.25, 2) == (pytest.approx(101.0, abs=1e-12), True)
     assert descended(0.0, 3) == (pytest.approx(101.0, abs=1e-12), True)  # nothing is left to gain
+
+
+def test_the_energy_has_to_fall_by_the_slope_along_the_correction(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The slope at its start is −cᵀ K c, with c the correction and K the stiffness; the first step may rise."""
+    slopes: list[tuple[float, float]] = []
+    inner = newton.step_length
+
+    def watched(equilibrium: Any, displacement: Array, correction: Array, *others: Any) -> float:
+        stiff = (STIFF + 15 * displacement**2) * correction**2
+        slopes.append((others[2], -float(stiff[FREE].sum())))
+        return inner(equilibrium, displacement, correction, *others)
+
+    monkeypatch.setattr(newton, "step_length", watched)
+    found(Springs(5.0), Diagonal())
+    assert slopes[0][0] == np.inf and len(slopes) > 3
+    assert [told for told, _ in slopes[1:]] == pytest.approx([by_hand for _, by_hand in slopes[1:]])
