@@ -229,26 +229,26 @@ def test_bfgs_sees_an_energy_no_better_than_its_round_off() -> None:
 
 
 def descended(accuracy: float, steps: int) -> tuple[float, bool]:
-    """One spring of 1 N/mm from 100 mm to 101 mm, with a solver that takes it for 1.25 N/mm."""
+    """One spring of 1 N/mm from 100 mm to 104 mm, with a solver that takes it for 1.25 N/mm; another is at rest."""
+    rest = np.array([[104.0, 7.0]])
 
     def balance(u: Array, load: Any, *, stiffness: bool) -> Any:
-        away = float(u[0, 0]) - 101
-        return SimpleNamespace(energy=away**2 / 2, forces=u - 101)
+        return SimpleNamespace(energy=float(((u - rest) ** 2).sum() / 2), forces=u - rest)
 
-    spring: Any = SimpleNamespace(free=np.ones((1, 1), dtype=bool), balance=balance, free_step=lambda *_: 1.0)
-    start = np.full((1, 1), 100.0)
-    solver: Any = Diagonal(np.array([1.25]))
+    spring: Any = SimpleNamespace(free=np.ones((1, 2), dtype=bool), balance=balance, free_step=lambda *_: 1.0)
+    start = np.array([[100.0, 7.0]])
+    solver: Any = Diagonal(np.full(2, 1.25))
     load: Any = None
-    end, near = quasi_newton._descend(spring, solver, start, 0.5, start, load, accuracy, steps)
+    end, near = quasi_newton._descend(spring, solver, start, 8.0, start, load, accuracy, steps)
     return float(end[0, 0]), near
 
 
 def test_bfgs_learns_the_stiffness_from_its_first_step_and_ends_by_its_last() -> None:
-    """0.8 mm of 1 mm, and the rest exactly, which is a fifth of the way from the start."""
-    assert descended(0.0, 1) == (pytest.approx(100.8), False)
-    assert descended(0.15, 2) == (pytest.approx(101.0, abs=1e-12), False)
-    assert descended(0.25, 2) == (pytest.approx(101.0, abs=1e-12), True)
-    assert descended(0.0, 3) == (pytest.approx(101.0, abs=1e-12), True)  # nothing is left to gain
+    """3.2 mm of 4 mm, and the rest exactly, which is a fifth of the way from the start."""
+    assert descended(0.0, 1) == (pytest.approx(103.2), False)
+    assert descended(0.15, 2) == (pytest.approx(104.0, abs=1e-12), False)
+    assert descended(0.25, 2) == (pytest.approx(104.0, abs=1e-12), True)
+    assert descended(0.0, 3) == (pytest.approx(104.0, abs=1e-12), True)  # nothing is left to gain
 
 
 def test_the_energy_has_to_fall_by_the_slope_along_the_correction(monkeypatch: pytest.MonkeyPatch) -> None:

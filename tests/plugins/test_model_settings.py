@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -81,3 +82,14 @@ def test_the_least_is_taken_and_less_is_refused(
     plugin("model", name)(**least)
     with pytest.raises(InputError, match=sentence):
         plugin("model", name)(**wrong)
+
+
+@pytest.mark.parametrize(("degree", "draws"), [(3, 16), (15, 16), (16, 17), (30, 31)])
+def test_error_bars_come_from_16_draws_and_from_as_many_as_there_are_polynomials(
+    degree: int, draws: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fewer draws than polynomials would not span what is not known of them."""
+    monkeypatch.setattr("pgdl_lab.learning.pod.decompose", lambda regression, prior, draws, rng: (prior, draws))
+    regression = SimpleNamespace(first_prior=lambda: "not learnt")
+    model = plugin("model", "finite_element")(degree=degree)
+    assert model.learn(regression, training(tmp_path, {"data": {}})) == ("not learnt", draws)
