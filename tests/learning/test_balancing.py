@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -111,3 +112,37 @@ def test_balanced_training_resumes_where_it_stood(rule: str, tmp_path: Path) -> 
 def test_nonsense_is_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         BalancingSettings(**fields)
+
+
+def test_shares_by_progress_come_from_the_terms_alone(tmp_path: Path) -> None:
+    """One term has halved and the other stayed: shares are 2 e^½/(e^½ + e) and 2 e/(e^½ + e)."""
+    whole = training(tmp_path, {"data": {}, "boundary": {}})
+    field = plugin("model", "mlp")(depth=1, width=4).new_field(whole)
+    settings = BalancingSettings("relobralo", memory=0.0)
+    objective = Objective(field, whole.losses, whole.samples, whole.scene, settings)
+    for data in (4.0, 2.0):  # numbers that no gradient can be taken of
+        objective.balance({"data": torch.tensor(data), "boundary": torch.tensor(3.0)}, torch.Generator())
+    whole_share = np.exp(0.5) + np.exp(1.0)
+    assert objective.balancer.factors["data"] == pytest.approx(2 * np.exp(0.5) / whole_share)
+    assert objective.balancer.factors["boundary"] == pytest.approx(2 * np.exp(1.0) / whole_share)
+
+
+def test_terms_without_weight_have_no_share_of_the_gradient(tmp_path: Path) -> None:
+    whole = training(tmp_path, {"data": {"weight": 0.0}})
+    field = plugin("model", "mlp")(depth=1, width=4).new_field(whole)
+    objective = Objective(field, whole.losses, whole.samples, whole.scene, BalancingSettings())
+    assert objective.gradient_shares(objective.terms(torch.arange(10), torch.Generator())) == {"data": 0.0}
+
+
+def test_norms_of_gradients_by_hand(tmp_path: Path) -> None:
+    """Of 3 a + 4 b, of a number, and of what depends on some of the weights alone."""
+    whole = training(tmp_path, {"data": {}})
+    field = plugin("model", "mlp")(depth=1, width=4).new_field(whole)
+    objective = Objective(field, whole.losses, whole.samples, whole.scene, BalancingSettings())
+    first, *_, last = field.parameters()
+    terms = {
+        "both": 3 * first.flatten()[0] + 4 * last.flatten()[0],
+        "number": torch.tensor(2.0),
+        "one": 2 * last.flatten()[1],
+    }
+    assert objective.gradient_norms(terms) == pytest.approx({"both": 5.0, "number": 0.0, "one": 2.0})

@@ -1,6 +1,7 @@
 """Bars of linear interpolation, on fields that are known between the nodes too."""
 
 import numpy as np
+import pytest
 
 from pgdl_lab.learning.interpolation import interpolation_bars
 from pgdl_lab.learning.triangulation import Triangulation
@@ -45,3 +46,21 @@ def test_points_lie_within_their_rings() -> None:
     assert weights.min() > -1e-9 and (corners != points[:, None]).all()
     inside = ((body.points_mm > 0) & (body.points_mm < body.points_mm.max(axis=0))).all(axis=1)
     assert np.isin(np.flatnonzero(inside), points).all()
+
+
+@pytest.mark.parametrize("curved", [(3.0, 1.0, 0.0), (0.5, 4.0, 0.0), (0.0, 0.0, 2.0)])
+def test_bars_of_a_quadratic_are_its_errors(curved: tuple[float, float, float]) -> None:
+    """Of a x² + b z² the errors along x and along z have one sign; those of c x z stand alone."""
+    grid, (a, b, c) = rectangle(), curved
+    inside = ((grid.points_mm > 0) & (grid.points_mm < [2, 1])).all(axis=1)
+    shift = np.random.default_rng(1).uniform(-0.008, 0.008, grid.points_mm.shape)  # mm, of cells of 0.083 by 0.042
+    body = Triangulation(grid.points_mm + inside[:, None] * shift, grid.triangles)  # no edge along x or z
+
+    def field(points: np.ndarray) -> np.ndarray:
+        x, z = points.T
+        value = a * x**2 + b * z**2 + c * x * z
+        return np.stack([value, value], axis=1)[None]
+
+    nodal = field(body.points_mm)
+    error = np.abs(interpolated(body, nodal) - field(PLACES))[..., 0]
+    np.testing.assert_allclose(interpolation_bars(body, nodal, PLACES), error, rtol=1e-6, atol=1e-9)

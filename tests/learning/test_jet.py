@@ -196,3 +196,63 @@ def test_a_compiled_training_gives_the_same_field(tmp_path: Path) -> None:
     assert fields[1].record.history[-1]["raw/navier_cauchy"] == pytest.approx(
         fields[0].record.history[-1]["raw/navier_cauchy"], rel=1e-9
     )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_what_the_compiler_sees_of_an_activation_is_the_chain_rule(order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.manual_seed(7)
+    rows = torch.randn(ROWS[order], 5, 4, dtype=torch.double)
+    eager = propagate(nn.Tanh(), rows)
+    monkeypatch.setattr(torch.compiler, "is_compiling", lambda: True)
+    seen = propagate(nn.Tanh(), rows)
+    assert torch.allclose(seen, eager, atol=TOLERANCE, rtol=TOLERANCE)
+    t, x, z = rows[0].tanh(), rows[1], rows[2]
+    assert torch.allclose(seen[1], (1 - t**2) * x, atol=TOLERANCE, rtol=TOLERANCE)
+    if order == 2:
+        mixed = (1 - t**2) * rows[5] - 2 * t * (1 - t**2) * x * z
+        assert torch.allclose(seen[5], mixed, atol=TOLERANCE, rtol=TOLERANCE)
+
+
+class Constant(nn.Module):
+    """What it gives has no derivative by place, with a weight or without."""
+
+    def __init__(self, weight: bool) -> None:
+        super().__init__()
+        self.value = nn.Parameter(torch.ones(2, dtype=torch.double)) if weight else torch.ones(2, dtype=torch.double)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return self.value.expand(*inputs.shape[:-1], 2)
+
+
+@pytest.mark.parametrize("weight", [True, False])
+@pytest.mark.parametrize("order", [1, 2])
+def test_layers_that_are_constant_have_no_derivatives(weight: bool, order: int) -> None:
+    rows = nested(Constant(weight), plane(torch.randn(4, 2, dtype=torch.double), order))
+    assert torch.equal(rows[0], torch.ones(4, 2, dtype=torch.double)) and not rows[1:].any()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("activation", ["tanh", "silu", "gelu", "sin"])
+def test_gradients_of_an_activation_against_differences(activation: str, order: int) -> None:
+    """By its rows and by the bias before it, which the shorter way of networks of few outputs does not ask for."""
+    torch.manual_seed(8)
+    rows = torch.randn(ROWS[order], 3, 2, dtype=torch.double, requires_grad=True)
+    bias = torch.randn(2, dtype=torch.double, requires_grad=True)
+    layers = nn.Sequential(nn.Linear(2, 2), ACTIVATIONS[activation]()).double()  # ends with no linear layer
+
+    def through(rows: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+        return torch.func.functional_call(Carried(layers), {"layers.0.weight": weight, "layers.0.bias": bias}, rows)
+
+    weight = layers[0].weight.detach().clone().requires_grad_()
+    assert torch.autograd.gradcheck(through, (rows, weight, bias), eps=1e-5, atol=1e-7, check_undefined_grad=False)
+
+
+class Carried(nn.Module):
+    """`propagate` as a module, so that its weights can be given."""
+
+    def __init__(self, layers: nn.Module) -> None:
+        super().__init__()
+        self.layers = layers
+
+    def forward(self, rows: Tensor) -> Tensor:
+        return propagate(self.layers, rows)

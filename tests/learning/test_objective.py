@@ -9,6 +9,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from pgdl_lab.errors import InputError
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.data import Scene
 from pgdl_lab.learning.jet import Jet
@@ -101,3 +102,15 @@ def test_all_terms_but_the_data_and_the_clamp_are_physics() -> None:
 def test_the_papers_physics_is_where_its_data_are(typed: str, beyond: bool) -> None:
     config = composed(f"experiment={typed}", "split=extrapolate", "model=mlp", "loss=[data,navier_cauchy]")
     assert config.loss.navier_cauchy.beyond == beyond
+
+
+def test_an_interest_that_rounding_puts_above_the_data_is_within_them(tmp_path: Path) -> None:
+    seen, objective = visited(tmp_path, TRAINED_KPA * (1 + 1e-12))
+    assert torch.equal(seen["physics"][0], objective.pressures) and not seen["physics"][1].isnan().any()
+
+
+def test_nothing_to_minimise_is_refused(tmp_path: Path) -> None:
+    how = training(tmp_path, {"data": {}})
+    mlp = plugin("model", "mlp")(depth=1, width=8).new_field(how)
+    with pytest.raises(InputError, match=r"loss=\[\] leaves nothing to minimise"):
+        Objective(mlp, {}, how.samples, how.scene, BalancingSettings())

@@ -85,3 +85,31 @@ def test_laws_of_more_invariants_are_refused_in_one_sentence() -> None:
         InputError, match="Loss yeoh is written for laws of the first invariant .* this material is Ogden"
     ):
         PlaneLaw.of(plugin("material", "ogden")(), "plane_stress", "yeoh")
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_divergence_against_differences_of_the_stress(state: str) -> None:
+    """Without automatic differentiation, which asks the law for the same second derivatives as the divergence does."""
+    law, step = PlaneLaw(LAW, state), 1e-4
+    torch.manual_seed(1)
+    place = torch.rand(20, 2, dtype=torch.double)
+
+    def first(at: Tensor) -> Tensor:
+        """Of u_x = 0.2 sin(2 x + z) and u_z = 0.3 x cos(1.5 z)."""
+        x, z = at.T
+        phase = (2 * x + z).cos()
+        u_x = torch.stack([0.4 * phase, 0.2 * phase], dim=1)
+        u_z = torch.stack([0.3 * (1.5 * z).cos(), -0.45 * x * (1.5 * z).sin()], dim=1)
+        return torch.stack([u_x, u_z], dim=1)
+
+    x, z = place.T
+    bend, none = -0.2 * (2 * x + z).sin(), torch.zeros_like(x)
+    u_x = torch.stack([4 * bend, bend, 2 * bend], dim=1)  # xx, zz, xz
+    u_z = torch.stack([none, -0.675 * x * (1.5 * z).cos(), -0.45 * (1.5 * z).sin()], dim=1)
+    along = step * torch.eye(2, dtype=torch.double)
+    expected = sum(
+        (law.stress(first(place + along[j]))[:, :, j] - law.stress(first(place - along[j]))[:, :, j]) / (2 * step)
+        for j in range(2)
+    )
+    found = law.divergence(first(place), torch.stack([u_x, u_z], dim=1))
+    assert torch.allclose(found, expected, rtol=1e-6, atol=1e-7)

@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from pgdl_lab.errors import InputError
 from pgdl_lab.finger import ExtrudedFinger
 from pgdl_lab.learning.data import Scene
 from pgdl_lab.learning.jet import Jet
@@ -89,3 +90,30 @@ def test_the_sections_own_equilibrium_has_almost_no_residual() -> None:
     for kpa, in_balance in ((20.0, True), (20.1, False)):
         jet = Jet(u[None], torch.full((len(u),), kpa, dtype=torch.double))
         assert (loss.value(jet, 0 * u, scene) < 1e-12) == in_balance
+
+
+def test_pressure_widens_the_cavities() -> None:
+    """The work on a body that grows by ε is 2 ε p V for the air V of one chamber and its channel, and gains energy."""
+    balance = section(chambers=1)
+    points = torch.from_numpy(balance.points_mm)
+    pushed = balance.forces(torch.zeros_like(points), P_MPA) + balance.weight
+    assert float((pushed * points).sum()) == pytest.approx(-2 * float(P_MPA) * 4.5 * 11 * 10)
+
+
+def test_mean_square_strain_of_a_body_that_is_stretched() -> None:
+    """The forces of G on u_x = γ x, whose strain is γ everywhere, are those of the stress μ γ."""
+    balance, strain = section(), 0.03
+    assert balance.points_mm[:, 0].min() == 0
+    shear = pneunet().material.shear_modulus_mpa
+    local = shear * strain * torch.einsum("eq,eaq->ea", balance.stiff, balance.gradients[..., 0])
+    forces = torch.zeros(len(balance.points_mm), 2, dtype=torch.double)
+    forces[:, 0].index_add_(0, balance.nodes.ravel(), local.ravel())
+    assert float(balance.mean_square_strain(forces)) == pytest.approx(strain**2)
+
+
+def test_a_finger_without_a_profile_is_told_from_none_at_all() -> None:
+    loss = plugin("loss", "equilibrium")()
+    with pytest.raises(InputError, match="a finger with a profile, but none is known; leave it out"):
+        loss.check(None)
+    with pytest.raises(InputError, match=r"a finger with a profile, but \w+ has none; leave it out"):
+        loss.check(plugin("finger", "mesh")(path="examples/finger.msh"))

@@ -6,6 +6,8 @@ import scipy.linalg
 import torch
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.learning import clock
+from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.pod import compressed, decompose, known
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
@@ -203,3 +205,82 @@ def test_points_that_never_move_are_refused() -> None:
     samples = Samples(body.points_mm, np.full(len(body.points_mm), 10.0), np.zeros_like(body.points_mm))
     with pytest.raises(InputError, match="every training point is 0 mm"):
         SeparableRegression(body, np.array([0]), samples, RANGE_KPA, 2).first_prior()
+
+
+def test_polynomials_span_the_range_of_pressures_wherever_it_begins() -> None:
+    """T₁ is −1 at its lower end, 0 in its middle and 1 at its upper end, and T₂ = 2 T₁² − 1."""
+    found = chebyshev(np.array([10.0, 20.0, 30.0, 40.0]), np.array([10.0, 30.0]), 2)
+    np.testing.assert_allclose(found, [[1, -1, 1], [1, 0, -1], [1, 1, 1], [1, 2, 7]])
+
+
+def test_as_many_fits_are_allowed_as_take_no_longer_than_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fits of 3 s, of which three end within 10 s and a fourth does not."""
+    at = [100.0]
+    monkeypatch.setattr(clock, "now", lambda: at[0])
+    whole, _ = drawn(rectangle(3), 30, seed=0)
+    held = np.setdiff1d(np.arange(whole.nodes), whole.free)
+    given = Clock(17.0, spent_s=4.0)
+    regression = SeparableRegression(rectangle(3), held, whole.samples, RANGE_KPA, 2, clock=given)
+    assert given.seconds == 4.0 and given.left_s == 13.0 and regression.allows(10**6)  # nothing is known yet
+    solve = regression._solver.solve
+
+    def slow(right: np.ndarray) -> np.ndarray:
+        at[0] += 3.0
+        return solve(right)
+
+    monkeypatch.setattr(regression._solver, "solve", slow)
+    regression.posterior(PRIOR, 0, np.random.default_rng(0))
+    assert given.seconds == 7.0 and given.left_s == 10.0
+    assert regression.allows(3) and not regression.allows(4)
+    at[0] += 1.0
+    assert regression.allows(3)  # to the second
+    at[0] += 9.0
+    assert given.left_s == 0.0 and not regression.allows(0)
+    at[0] += 1.0
+    assert given.left_s == 0.0 and given.seconds == 18.0
+
+
+def test_noise_is_what_is_left_by_the_degrees_of_freedom_that_a_fit_takes() -> None:
+    """150 samples of 126 coefficients: the residual alone is far less than the noise."""
+    ratios, shares = [], []
+    for seed in range(6):
+        regression, _ = drawn(rectangle(6), 150, seed)
+        posterior = regression.posterior(PRIOR, 200, np.random.default_rng(seed))
+        mean, _ = regression.at_samples(posterior)
+        shares.append(np.sqrt(((mean - regression.samples.displacements_mm) ** 2).mean()) / PRIOR.noise_mm)
+        ratios.append(regression.learnt(posterior).noise_mm / PRIOR.noise_mm)
+    assert np.mean(shares) < 0.8
+    assert np.mean(ratios) == pytest.approx(1, abs=0.1)
+
+
+def test_noise_has_a_floor_by_the_size_of_the_data() -> None:
+    """Data of 0.3 mm that a field of few nodes meets exactly."""
+    body = rectangle(2)
+    clamp = np.flatnonzero(body.points_mm[:, 0] == 0)
+    free = np.setdiff1d(np.arange(len(body.points_mm)), clamp)
+    samples = Samples(body.points_mm[free], np.full(len(free), 25.0), np.full((len(free), 2), 0.3))
+    regression = SeparableRegression(body, clamp, samples, RANGE_KPA, 2)
+    exact = regression.posterior(Prior(PRIOR.covariance, 1e-8), 4, np.random.default_rng(0))
+    assert regression.learnt(exact).noise_mm == pytest.approx(1e-6 * 0.3)
+
+
+def test_one_mode_is_kept_of_a_field_below_the_noise() -> None:
+    modes = np.random.default_rng(0).standard_normal((80, 3, 2))
+    arrays = {"modes": modes, "amplitudes": 1e-9 * np.eye(3), "spread": np.ones((80, 3, 3)), "noise_mm": np.array(1.0)}
+    state = {name: torch.from_numpy(array) for name, array in {**arrays, "range_kpa": RANGE_KPA}.items()}
+    assert compressed(state)["modes"].shape == (80, 1, 2)
+
+
+@pytest.mark.parametrize(("bars", "count"), [(1.96, 1), (0.98, 2), (3.0, 1)])
+def test_narrow_bars_ask_for_a_field_as_much_nearer(bars: float, count: int) -> None:
+    """What is left out may be 1 mm where bars are those of a normal distribution, half of it where they are half."""
+    kpa = np.linspace(0, 1.25 * 50, 20)
+    t = chebyshev(kpa, RANGE_KPA, 1)[:, 1]
+    modes = np.zeros((2, 2, 2))
+    modes[0, 0] = modes[1, 1] = 1.0  # the first moves one node by 5 mm, the second the other without a mean
+    second_mm = 0.6 / np.sqrt(((t - t.mean()) ** 2).mean() / 2)  # 0.6 mm as a root mean square of both nodes
+    amplitudes = np.array([[5.0, -t.mean() * second_mm], [0.0, second_mm]])
+    arrays = {"modes": modes, "amplitudes": amplitudes, "spread": np.full((2, 2, 2), 100.0), "noise_mm": np.array(1.0)}
+    state = {name: torch.from_numpy(array) for name, array in {**arrays, "range_kpa": RANGE_KPA}.items()}
+    state["bar_deviations"] = torch.tensor([bars, 9.0], dtype=torch.double)
+    assert compressed(state)["modes"].shape[1] == count

@@ -57,3 +57,38 @@ def test_kinks_do_not_act_across_a_slot() -> None:
     tooth = (body.points_mm[:, 0] < 11) & (body.points_mm[:, 1] > 8)
     beyond = (body.points_mm[:, 0] > 11) & (body.points_mm[:, 1] > 8)
     assert tooth.any() and not (body.kinks[:, tooth].T @ body.kinks)[:, beyond].nnz
+
+
+def test_kink_of_two_triangles_by_hand() -> None:
+    """A rectangle of 2 mm × 1 mm and its diagonal: u = x/2 − z on one side, whose normal derivative is −2.5/√5, 0 on
+    the other; the diagonal is √5 mm long, and a third of both triangles of 1 mm² belongs to it.
+    """
+    points = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+    body = Triangulation(points, np.array([[0, 1, 2], [0, 2, 3]]))
+    kink = 2.5 / np.sqrt(5) * np.sqrt(5) / np.sqrt(2 / 3)
+    assert body.kinks.shape == (1, 4)
+    # zero for all linear functions, so that the corners off the diagonal count alike and those on it the other way
+    assert np.abs(body.kinks.toarray()[0]) == pytest.approx(np.array([1, 1, 1, 1]) * kink)
+    assert body.kinks.toarray()[0] * np.sign(body.kinks[0, 1]) == pytest.approx(np.array([-1, 1, -1, 1]) * kink)
+
+
+def test_ring_of_three_points_is_their_triangle() -> None:
+    points = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0], [1.0, 1.0]])
+    inner, corners, weights = Triangulation(points, np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])).rings
+    assert inner.tolist() == [3] and sorted(corners[0]) == [0, 1, 2]
+    assert weights[0] == pytest.approx(1 / 3)
+
+
+def test_ring_of_many_points_is_its_nearest_triangle() -> None:
+    """Six points around one, three of them twice as far away; the far triangle comes first."""
+    angle = np.pi / 3 * np.arange(6)
+    radius = np.array([2.0, 1.0, 2.0, 1.0, 2.0, 1.0])
+    around = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    order = [0, 2, 4, 1, 3, 5]
+    number = np.argsort(order)  # of each point of the circle in `points`
+    points = np.concatenate([around[order], [[0.0, 0.0]]])
+    fan = np.stack([number, np.roll(number, -1), np.full(6, 6)], axis=1)
+    inner, corners, weights = Triangulation(points, fan).rings
+    found = dict(zip(inner.tolist(), corners, strict=True))
+    assert sorted(found[6]) == [3, 4, 5]
+    assert weights[inner == 6][0] == pytest.approx(1 / 3)

@@ -84,3 +84,30 @@ def test_estimate_is_near_the_truth() -> None:
     assert estimate.tip_mm == pytest.approx(truth.tip_mm, rel=ACCURACY)
     assert estimate.largest_mm == pytest.approx(truth.largest_mm, rel=ACCURACY)
     assert estimate.kpa == finger.max_kpa
+
+
+def test_change_of_the_end_and_of_the_rest_by_hand() -> None:
+    """Five nodes from x = −90 to 10 mm, two of them at the end; lengths are 3-4-5 and 5-12-13."""
+    x = np.array([-90.0, 0.0, 9.999, 10.0, 10.0 - 5e-5])
+    positions = np.stack([x, np.zeros(5), np.zeros(5)], axis=1)
+    displacement = np.array([[0, 0, 90], [0, 0, 80], [0, 0, 70], [3, 0, 4], [0, 5, -12]], dtype=float)
+    change = 0.1 * np.array([[1, 0, 0], [0, 8, 15], [20, 0, 0], [0, 3, 4], [-2, 0, 0]], dtype=float)
+    found = DiscretisationError.of(positions, displacement, change, 7.0)
+    assert found.kpa == 7.0
+    assert found.tip_mm == pytest.approx(0.5)
+    assert found.tip_percent == pytest.approx(100 * 0.5 / 13)
+    assert found.largest_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("kind", sorted(ELEMENTS))
+def test_pressure_that_grows_along_the_body_is_carried_over(kind: str) -> None:
+    """u_x = a x²/2 makes J − 1 = a x; elements of one pressure each have its mean, K a times the x of their middle."""
+    mesh = body(ELEMENTS[kind].cells)
+    coarse, fine = (discretise(each, ELEMENTS[kind]) for each in (mesh, refined(mesh)))
+    slope = 1e-3
+    displacement = np.insert(np.zeros((len(coarse.positions), 2)), 0, slope / 2 * coarse.positions[:, 0] ** 2, axis=1)
+    found = prolonged_pressure(Solid(coarse, Yeoh()), fine, displacement) / Yeoh().bulk_modulus_mpa
+    x = np.asarray(fine.basis.global_coordinates())[0]
+    if kind.endswith("p0"):
+        x = np.broadcast_to(mesh.p[0, mesh.t].mean(axis=0)[parents(mesh, fine.basis.mesh)][:, None], x.shape)
+    np.testing.assert_allclose(found, slope * x, atol=1e-9)

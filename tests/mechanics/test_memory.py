@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from skfem import MeshHex
 
 from pgdl_lab.errors import InputError
 from pgdl_lab.mechanics import memory
 from pgdl_lab.mechanics.discretisation_error import refined
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise
 from pgdl_lab.mechanics.finite_strain import Model
-from pgdl_lab.mechanics.memory import Size
+from pgdl_lab.mechanics.memory import Size, TooLarge
 from tests.fingers import OBSERVATION, pneunet, solid, tetrahedra
 
 MEASURED = r"""
@@ -91,3 +92,39 @@ def test_limit_of_a_container(files: dict[str, str], free: float, tmp_path: Path
 
 def test_memory_of_this_machine_is_known() -> None:
     assert 1e8 < memory.available() < 1e14
+
+
+def test_what_is_needed_is_said_in_gigabytes_and_nothing_that_does_not_help_is_advised(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One element of 60 unknowns: the program's own 0.1 GB, 135 kB to assemble and 55 kB of factors."""
+    one = MeshHex()
+    kind = ELEMENTS["hex20"]
+    assert Size.of(one).needed(kind) == pytest.approx(1e8 + 8 * 4.7 * 60**2 + 330 * 60**1.25, rel=1e-12)
+    monkeypatch.setattr(memory, "available", lambda: 5e7)
+    tried: list[float] = []
+
+    def remesh(edge_mm: float) -> MeshHex:
+        tried.append(edge_mm)
+        return one
+
+    with pytest.raises(TooLarge) as told:
+        memory.require(one, kind, 2.0, remesh, refined=False)
+    assert str(told.value) == (
+        "The mesh of fem.edge_mm=2 has 1 elements with 60 unknowns: they take some 0.1 GB of memory, and 0.05 GB are "
+        "free; mesh the body with fewer elements or close other programs."
+    )
+    # each edge is a tenth longer than the one before
+    np.testing.assert_allclose(np.diff(np.log([2.0, *tried])), np.log(1.1), rtol=1e-9)
+    monkeypatch.setattr(memory, "available", lambda: Size.of(one).needed(kind))
+    memory.require(one, kind, 2.0, remesh, refined=False)  # just enough
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is told elsewhere")
+def test_memory_of_this_machine_is_that_of_another_look_at_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As /proc says, in kB; where that tells nothing, all that the machine has is taken."""
+    said = Path("/proc/meminfo").read_text()
+    total, left = (1024 * int(re.findall(rf"{name}:\s+(\d+) kB", said)[0]) for name in ("MemTotal", "MemAvailable"))
+    assert memory._of_machine() == pytest.approx(left, rel=0.3)
+    monkeypatch.setattr(Path, "read_text", lambda _: "MemTotal: 1 kB\n")
+    assert memory._of_machine() == pytest.approx(total, rel=0.05)

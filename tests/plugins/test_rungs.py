@@ -144,3 +144,22 @@ def test_what_converged_before_a_failure_is_kept(monkeypatch: pytest.MonkeyPatch
 def test_plane_models_refuse_a_pull_along_y(name: str) -> None:
     with pytest.raises(InputError, match=f"fem={name} moves in the x–z plane alone"):
         rung(name).simulate(pneunet(gravity_m_s2=[0.0, 9.81, 0.0]), OBSERVATION)
+
+
+def test_section_moves_in_the_plane_but_for_its_root() -> None:
+    equilibrium = plane(pneunet(), 1.0).equilibrium
+    positions = equilibrium.solid.discretisation.positions
+    assert not positions[:, 1].any() and positions[:, 0].min() == 0
+    np.testing.assert_array_equal(equilibrium.free, np.outer(positions[:, 0] > 1e-9, [True, False, True]))
+
+
+def test_section_is_stiffer_the_more_of_its_side_walls_counts() -> None:
+    tips = []
+    for share in (0.2, 0.4, None, 1.0):
+        found = rung("section", edge_mm=6.0, side_wall_share=share, interpolation_mm=1.0).simulate(
+            pneunet(max_kpa=5.0, gravity_m_s2=[0.0, 0.0]), Observation(1, 200)
+        )
+        tips.append(-found.displacements[0, found.base[-1], 1])
+        seconds = found.provenance["seconds_of"]
+        assert sum(seconds.values()) == pytest.approx(found.provenance["seconds"]) and min(seconds.values()) > 0
+    assert tips[0] > tips[1] > tips[3] > 0 and tips[2] == pytest.approx(tips[1], rel=1e-9)  # 0.4 unless told otherwise

@@ -7,6 +7,7 @@ import pytest
 from pgdl_lab.errors import InputError
 from pgdl_lab.registry import discover, names, plugin
 from pgdl_lab.split import Split
+from tests.synthetic import snapshots
 from tests.trainings import small
 
 discover()
@@ -122,3 +123,22 @@ def test_snapshots_lie_as_near_as_can_be_to_chebyshevs_points() -> None:
 def test_snapshots_refuses_to_hold_out_none_or_interpolate_from_one(count: int) -> None:
     with pytest.raises(InputError, match="train_snapshots"):
         make("snapshots", train_snapshots=count).seen(KPA)
+
+
+def test_extrapolate_includes_a_cut_off_that_rounding_puts_below_its_snapshot() -> None:
+    kpa = np.arange(1.0, 101.0)
+    assert 0.29 * 100 < 29
+    assert kpa[make("extrapolate", train_fraction=0.29).seen(kpa)].max() == 29
+
+
+def test_extrapolate_refuses_to_train_on_all_pressures_by_the_name_of_the_setting_that_asks_for_it() -> None:
+    with pytest.raises(InputError, match="train_fraction is 1.0; it must lie between 0 and 1"):
+        make("extrapolate", train_fraction=1.0)
+
+
+def test_one_point_is_enough_and_a_search_selects_by_2000_at_most() -> None:
+    data = snapshots(cell_mm=2.0, count=50)
+    split = make("random", points=1)
+    train = split.train_points(data, seed=0)
+    assert len(train) == 1 and 50 * len(data.points) > 21_000
+    assert len(split.selection_points(data, train, seed=0)) == 2000
