@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.loss import Loss
-    from pgdl_lab.surrogate import Record
+    from pgdl_lab.record import Record
 
 _log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class LinearModel(Model):
     def fit(self, training: Training) -> NodalSurrogate:
         from pgdl_lab.learning.pod import compressed
         from pgdl_lab.learning.threads import threads
-        from pgdl_lab.surrogate import Record
+        from pgdl_lab.record import Record
 
         self.left_out(training.losses)
         with threads(training.trainer.threads):
