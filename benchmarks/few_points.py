@@ -28,9 +28,10 @@ from pgdl_lab.composing import experiment
 from pgdl_lab.experiment import Experiment
 from pgdl_lab.files import replacing
 from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.record import Record
 from pgdl_lab.registry import describe, plugin
 from pgdl_lab.snapshots import Snapshots
-from pgdl_lab.surrogate import Record, Surrogate
+from pgdl_lab.surrogate import Surrogate
 
 FINGERS, MODELS = ("pneunet", "joints", "bellows"), ("pod", "guided", "hybrid")
 BELOW = 0.88  # of the highest pressure: 44 of 50 kPa

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.data import Training
     from pgdl_lab.loss import Loss
-    from pgdl_lab.surrogate import Record, Surrogate
+    from pgdl_lab.record import Record
+    from pgdl_lab.surrogate import Surrogate
 
 
 @dataclass(frozen=True)

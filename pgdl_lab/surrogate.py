@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pgdl_lab.deploy import archive
-from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.inverse import Answer, Inverse
 from pgdl_lab.deploy.limits import Limits
 from pgdl_lab.deploy.probe import Probe
@@ -26,6 +22,7 @@ from pgdl_lab.deploy.shapes import Shapes
 from pgdl_lab.errors import InputError
 from pgdl_lab.heard import WARNINGS
 from pgdl_lab.plotting import plot_face
+from pgdl_lab.record import Face, Record
 
 FORMAT = "pgdl_lab surrogate"
 VERSION = 3
@@ -42,54 +39,6 @@ class Outside(UserWarning):
 
 class TooFar(InputError):
     """A pressure so far outside the trained ones that an answer would be worth nothing."""
-
-
-@dataclass(frozen=True)
-class Face:
-    """The side face that a surrogate is a field on.
-
-    Attributes
-    ----------
-    mesh
-        The undeformed face.
-    base
-        (B,) int64, points of the base line, from the root to the tip.
-    """
-
-    mesh: FaceMesh
-    base: NDArray[np.int64]
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """What a file holds of it."""
-        return {**asdict(self.mesh), "base": self.base}
-
-
-@dataclass(frozen=True)
-class Record:
-    """What a surrogate remembers of its training (JSON types, but for the face).
-
-    Attributes
-    ----------
-    ranges
-        Least and greatest training value: "x_mm", "z_mm" and "pressure_kpa".
-    provenance
-        Where the training data come from; "warnings" are sentences on what may be wrong with them and with the
-        training.
-    history
-        Entries of the loss history: "epoch", "seconds", "lr", "raw/<loss>", "weighted/<loss>", "share/<loss>".
-    face
-        The side face; None if it is not known, so that nobody can tell what lies off the body.
-    """
-
-    ranges: dict[str, list[float]]
-    provenance: dict[str, Any]
-    history: list[dict[str, float]] = field(default_factory=list)
-    face: Face | None = field(default=None, compare=False)
-
-    @property
-    def provenance_hash(self) -> str:
-        """SHA-256 of the provenance."""
-        return hashlib.sha256(json.dumps(self.provenance, sort_keys=True).encode()).hexdigest()
 
 
 class Surrogate(ABC):
@@ -133,6 +82,13 @@ class Surrogate(ABC):
     @abstractmethod
     def probe(self, points_mm: Floats) -> Probe:
         """The surrogate at checked points (N, 2) [mm]; those off the body, see `knows_body`."""
+
+    def __repr__(self) -> str:
+        low, high = self.record.ranges["pressure_kpa"]
+        finger = self.record.provenance.get("finger")
+        of = f" of finger {finger['name']}" if isinstance(finger, dict) and "name" in finger else ""
+        told = f", {self.error['rms_mm']:.2g} mm RMS off at points not trained on" if self.error else ""
+        return f"<surrogate {self.model['name']}{of}: {low:g} to {high:g} kPa{told}>"
 
     @property
     def units(self) -> dict[str, str]:

@@ -113,7 +113,7 @@ def test_configuration_shows_every_value(lab: Lab) -> None:
         ),
         ("finger.material.c2_mpa=-0.05", r"The material \(c1_mpa=0.11, .*\) softens: .* it must be stable up to 2"),
         ("+finger.walls=3", r"A field was added that does not exist .*'walls'"),
-        ("finger.chambers=six", r"finger\.chambers: Value 'six' of type 'str' could not be converted to Integer"),
+        ("finger.chambers=six", r"finger\.chambers is 'six'; it must be a whole number, such as 4\."),
         ("finger.wall_mm=-3", r"finger\.wall_mm is -3\.0 mm; it must be above 0"),
         ("trainer=fast", r"trainer=fast names no field"),
         ("loss=[]", r"There is no loss to train on"),
@@ -222,7 +222,7 @@ def test_a_yaml_file_may_extend_a_plugin(lab: Lab, tmp_path: Path, quick: Path) 
     assert "chambers: 10\n" in shown
     assert "wall_mm: 3.5\n" in shown
     refused = lab(*variant, "finger.wall_mm=thin")
-    assert "finger.wall_mm: Value 'thin' of type 'str' could not be converted to Float" in refused.stderr
+    assert "finger.wall_mm is 'thin'; it must be a number, such as 0.5." in refused.stderr
     lab(*variant, "task=simulate", "fem=quick")
     (folder,) = run_folders(tmp_path)
     assert "finger:\n  name: pneunet\n" in (folder / "config.yaml").read_text()

@@ -27,6 +27,7 @@ Arrays = Mapping[str, NDArray[Any]]
 ABOUT = "about"  # name of the text
 DIGEST = "sha256"  # name of the checksum of text and arrays, as the safetensors format has none
 GROUPS = ("state", "face")  # of the arrays, which are called "state/…" and "face/…"
+HDF5 = b"\x89HDF\r\n\x1a\n"  # begins such a file
 HEADER_BYTES = 8  # that tell how long the header of a safetensors file is
 NAMED = 300  # bytes of a file of torch.save that name its first entry
 LONGEST = 160  # characters of a reason that are told
@@ -71,6 +72,11 @@ def read(path: Path) -> dict[str, Any]:
         When there is no such file, or it is damaged, foreign or of an earlier version of pgdl_lab.
     """
     data = _bytes(path)
+    if data.startswith(HDF5):
+        raise InputError(
+            f"{path} is no surrogate but an HDF5 file, such as the snapshots of a simulation: open it by "
+            "pgdl_lab.snapshots.Snapshots.load or h5py, and give the surrogate.pt of a run here."
+        )
     zipped = data.startswith(b"PK")
     if zipped and b"/data.pkl" in data[:NAMED]:
         raise InputError(

@@ -13,7 +13,8 @@ from pgdl_lab.deploy.archive import read, reason
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.shapes import FLOATS, INDICES, Shapes, require
 from pgdl_lab.errors import InputError
-from pgdl_lab.surrogate import FORMAT, VERSION, Face, Record, Surrogate
+from pgdl_lab.record import Face, Record
+from pgdl_lab.surrogate import FORMAT, VERSION, Surrogate
 
 TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `FaceMesh.cells` that are allowed; fingers have 10 per triangle
 

@@ -19,7 +19,8 @@ from pgdl_lab.errors import InputError
 from pgdl_lab.learning.last_layer import STATE, LastLayer
 from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
 from pgdl_lab.learning.process_surrogate import ProcessSurrogate
-from pgdl_lab.surrogate import FORMAT, UNITS, VERSION, Face, Record, Surrogate
+from pgdl_lab.record import Face, Record
+from pgdl_lab.surrogate import FORMAT, UNITS, VERSION, Surrogate
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ class NetworkSurrogate(Surrogate):
         self._state = dict(state)
         count = sum(not name.startswith(STATE) for name in state)
         self._layers = [np.asarray(state[str(number)], dtype=np.float64) for number in range(count)]
-        self._last_layer = LastLayer.restored(state)
+        self._last_layer = LastLayer.restored(state, record.face)
         self._activation = ACTIVATIONS[self.model["activation"]]
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -68,7 +69,8 @@ class NetworkSurrogate(Surrogate):
                     for kpa in pressures_kpa)  # fmt: skip
         bars = [self._last_layer.bars(each, np.ones(1), float(kpa))
                 for each, kpa in zip(features, pressures_kpa, strict=True)]  # fmt: skip
-        return np.array(bars).reshape(len(pressures_kpa), len(points_mm))
+        stretch = self._last_layer.stretched(self.record.face, points_mm)
+        return np.array(bars).reshape(len(pressures_kpa), len(points_mm)) * stretch
 
     def hidden(self, inputs: Floats) -> Floats:
         """What the last layer weighs (n, H), from x, z and pressure (n, 3)."""

@@ -15,8 +15,8 @@ from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.finger import Finger
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
+from pgdl_lab.record import Face
 from pgdl_lab.snapshots import Snapshots
-from pgdl_lab.surrogate import Face
 
 if TYPE_CHECKING:
     from pgdl_lab.loss import Loss

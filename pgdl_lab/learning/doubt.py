@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.heard import WARNINGS, heard
+from pgdl_lab.learning.calibration import NORMAL
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.model import Model
 from pgdl_lab.surrogate import Outside, Surrogate
@@ -41,7 +42,7 @@ def trained(model: Model, training: Training) -> Surrogate:
 
 def _doubt(surrogate: Surrogate, training: Training) -> None:
     samples, some = training.samples, np.random.default_rng(0).permutation(len(training.samples.pressures_kpa))
-    _warn_of_holes(training)
+    _warn_of_holes(surrogate, training)
     error = _relative_error(surrogate, samples, some[:LOOKED_AT])
     if not error <= UNLEARNT:
         _log.warning(
@@ -56,7 +57,7 @@ def _doubt(surrogate: Surrogate, training: Training) -> None:
 def _warn_of_noise(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> None:
     """A model that follows the noise of its data is far from those that its error bars are calibrated on."""
     bars = surrogate.error_bar(samples.points_mm[some], samples.ranges()["pressure_kpa"][1])
-    size = float(np.sqrt((samples.displacements_mm**2).mean()))
+    size = _size(samples.displacements_mm)
     if bars is not None and np.median(bars) > UNLEARNT * size:
         _log.warning(
             "The model's own error bars are %.2g %% of the displacement: its data are too few or too noisy for it.",
@@ -64,19 +65,34 @@ def _warn_of_noise(surrogate: Surrogate, samples: Samples, some: NDArray[np.int6
         )
 
 
-def _warn_of_holes(training: Training) -> None:
+def _warn_of_holes(surrogate: Surrogate, training: Training) -> None:
+    """A place far from all training points and from the clamp, if the error bars there are wide or there are none."""
     from scipy.spatial import cKDTree
 
-    body = training.scene.points_mm
-    distance, _ = cKDTree(training.samples.points_mm).query(body)
-    extent, worst = float(np.ptp(body, axis=0).max()), int(distance.argmax())
-    if distance[worst] > HOLE * extent:
-        x, z = body[worst]
-        _log.warning(
-            "No training point lies within %.2g mm of x = %.3g, z = %.3g mm: what the model says there is a guess; "
-            "train on more points, or on some there.",
-            distance[worst], x, z,
-        )  # fmt: skip
+    scene, samples = training.scene, training.whole
+    body = scene.points_mm
+    distance, _ = cKDTree(np.concatenate([samples.points_mm, body[scene.clamp]])).query(body)
+    far = distance > HOLE * float(np.ptp(body, axis=0).max())
+    if not far.any():
+        return
+    kpa = samples.ranges()["pressure_kpa"][1]
+    bars_mm = surrogate.error_bar(body[far], kpa)
+    if bars_mm is None:
+        told = "what the model says there is a guess"
+    else:
+        expected = _size(bars_mm) / NORMAL / _size(surrogate.probe(body).value(kpa))
+        if expected < UNLEARNT:
+            return
+        told = f"by its own error bars the model errs by some {100 * expected:.2g} % of the displacement there"
+    x, z = body[distance.argmax()]
+    _log.warning(
+        "No training point lies within %.2g mm of x = %.3g, z = %.3g mm: %s; train on more points, or on some there.",
+        distance.max(), x, z, told,
+    )  # fmt: skip
+
+
+def _size(vectors_mm: NDArray[np.float64]) -> float:
+    return float(np.sqrt((vectors_mm**2).mean()))
 
 
 def _relative_error(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> float:

@@ -21,8 +21,9 @@ from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.threads import threads
+from pgdl_lab.record import Record
 from pgdl_lab.registry import describe
-from pgdl_lab.surrogate import Record, Surrogate
+from pgdl_lab.surrogate import Surrogate
 
 if TYPE_CHECKING:
     from pgdl_lab.learning.neural import TrainedModel

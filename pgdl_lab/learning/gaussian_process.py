@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.calibration import Held, bar_deviations
+from pgdl_lab.learning.calibration import Held
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.gaps import Gap, calibrated
 from pgdl_lab.learning.process_surrogate import covariance, factor, interpolated
 from pgdl_lab.learning.triangulation import Triangulation
 
@@ -61,13 +62,18 @@ def fitted(
         return weights
 
     def ratios(held: Held, judged: Held) -> Floats:
-        part, asked = chosen(~held), chosen(judged)
-        lower, across = factor(inputs[part], noise), covariance(inputs[asked], inputs[part])
-        variance = 1 + noise - (np.linalg.solve(lower, across.T) ** 2).sum(axis=0)
-        expected_mm = size * size_mm.max() * np.sqrt(np.maximum(variance, noise))
-        return np.abs(across @ weights_mm(part, lower) - moved_mm[asked]) / expected_mm[:, None]
+        part = chosen(~held)
+        lower = factor(inputs[part], noise)
+        learnt_mm, found = weights_mm(part, lower), []
+        judged_at = np.flatnonzero(judged)
+        for asked in np.array_split(judged_at, -(-len(judged_at) // points)):
+            across = covariance(inputs[asked], inputs[part])
+            variance = 1 + noise - (np.linalg.solve(lower, across.T) ** 2).sum(axis=0)
+            expected_mm = size * size_mm.max() * np.sqrt(np.maximum(variance, noise))
+            found.append(np.abs(across @ learnt_mm - moved_mm[asked]) / expected_mm[:, None])
+        return np.concatenate(found)
 
-    bar_kpa, deviations = bar_deviations(samples.pressures_kpa, ratios, rng)
+    gap = Gap.left_by(samples.points_mm, body.points_mm, body.points_mm[:0])
     return {
         "points_mm": body.points_mm,
         "triangles": body.triangles,
@@ -78,8 +84,7 @@ def fitted(
         "mean_mm": mean_mm,
         "size_mm": np.array(size * size_mm.max()),
         "noise": np.array(noise),
-        "bar_kpa": bar_kpa,
-        "bar_deviations": deviations,
+        **calibrated(samples, ratios, gap, rng),
     }
 
 

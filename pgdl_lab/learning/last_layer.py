@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.calibration import ABOVE, covering
+from pgdl_lab.learning.calibration import ABOVE, covering, covering_line
+from pgdl_lab.record import Face
 
 Floats = NDArray[np.float64]
 Features = tuple[Floats, Floats]
@@ -40,11 +41,15 @@ class LastLayer:
     kpa, bar_mm
         (B,) each: rising pressures, trained ones and those above them, and what the root of the variance is multiplied
         by there [kPa, mm].
+    stretch
+        (N,), how many times wider bars are at the points of the body; None: nowhere, as no stretch of it is without
+        training points.
     """
 
     roots: NDArray[np.float32]
     kpa: Floats
     bar_mm: Floats
+    stretch: Floats | None = None
 
     @classmethod
     def fitted(
@@ -83,14 +88,12 @@ class LastLayer:
         root, _, _ = ridge_regression(products[~held], targets_mm[~held])
         leverage = ((products @ root) ** 2).sum(axis=1)
         alone = errors_mm if held.any() else errors_mm / (1 - leverage)[:, None]
-        judged = np.flatnonzero(held) if held.any() else np.arange(len(held))
-        rising = judged[np.argsort(pressures_kpa[judged], kind="stable")]
-        bands = np.array_split(rising, np.clip(len(rising) // LEAST, 1, BANDS))
-        bar_mm = [_quantile(alone[band], leverage[band]) for band in bands]
-        if scores_mm is not None:
-            bands, bar_mm = [rising], [covering(scores_mm)]
-
+        judged = held if held.any() else np.ones(len(held), dtype=bool)
         highest = float(pressures_kpa.max())
+        if scores_mm is None:
+            kpa, bar_mm = _inside(pressures_kpa[judged], _ratios(alone[judged], leverage[judged]), highest)
+        else:
+            kpa, bar_mm = _inside(pressures_kpa, scores_mm, highest)
         top = pressures_kpa > (1 - ABOVE) * highest
         below = ~top & ~held
         more = 0.0
@@ -100,7 +103,7 @@ class LastLayer:
             missed = products @ weights - targets_mm
             known = _quantile(missed[below] / (1 - leverage_below[below])[:, None], leverage_below[below])
             more = max(_quantile(missed[top], leverage_below[top]) ** 2 - known**2, 0.0)
-        kpa = [*(float(np.median(pressures_kpa[band])) for band in bands[:-1]), highest, *((1 + BEYOND) * highest)]
+        kpa += [highest, *((1 + BEYOND) * highest)]
         grown = np.hypot(bar_mm[-1], np.sqrt(more) * np.minimum(BEYOND / ABOVE, 1))
         bar_mm += list(grown * _growth(features[1], features[1][pressures_kpa.argmax()], above))
         hidden, orders = (part.shape[1] for part in features)
@@ -108,18 +111,34 @@ class LastLayer:
         return cls(roots, np.array(kpa), np.array(bar_mm))
 
     @classmethod
-    def restored(cls, state: Mapping[str, NDArray[Any]]) -> LastLayer | None:
-        """That of a surrogate's state; None where it has none."""
-        names = ("roots", "kpa", "bar_mm")
-        found = [state[STATE + name] for name in names if STATE + name in state]
-        return cls(*found) if len(found) == len(names) else None
+    def restored(cls, state: Mapping[str, NDArray[Any]], face: Face | None = None) -> LastLayer | None:
+        """That of the state of a surrogate on a face; None where it has none.
+
+        Raises
+        ------
+        ValueError
+            When its stretch is not one of the points of the face.
+        """
+        roots, kpa, bar_mm, stretch = (state.get(STATE + name) for name in ("roots", "kpa", "bar_mm", "stretch"))
+        if roots is None or kpa is None or bar_mm is None:
+            return None
+        if stretch is not None and (face is None or stretch.shape != face.mesh.points_mm[:, 0].shape):
+            raise ValueError(f"{STATE}stretch is {stretch.shape}")
+        return cls(roots, kpa, bar_mm, stretch)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """What the state of a surrogate holds of it."""
-        return {STATE + name: array for name, array in vars(self).items()}
+        return {STATE + name: array for name, array in vars(self).items() if array is not None}
+
+    def stretched(self, face: Face | None, points_mm: Floats) -> Floats:
+        """How many times wider bars are at points (n, 2) [mm] of the face."""
+        if self.stretch is None or face is None:
+            return np.ones(len(points_mm))
+        corners, weights = face.mesh.locate(points_mm)
+        return (weights * self.stretch[corners]).sum(axis=1)
 
     def bars(self, place: Floats, pressure: Floats, kpa: float) -> Floats:
-        """Error bars (n,) [mm] from features (n, H) of the place and (K,) of the pressure [kPa]."""
+        """Error bars (n,) [mm] from features (n, H) of the place and (K,) of the pressure [kPa], not `stretched`."""
         # of what is rotated in the end only the lengths count
         _, triangle = np.linalg.qr(np.einsum("k,khf->fh", pressure, self.roots))
         variance = 1 + ((place @ triangle.T) ** 2).sum(axis=1)
@@ -135,9 +154,27 @@ def _growth(trained: Floats, highest: Floats, above: Floats) -> Floats:
     return growth
 
 
+def _inside(pressures_kpa: Floats, ratios: Floats, highest: float) -> tuple[list[float], list[float]]:
+    """What 95 % of such ratios (m, 2) lie below at some pressures and, at last, at the highest, which is not named.
+
+    Many are told in bands of the pressure, fewer by a line.
+    """
+    rising = np.argsort(pressures_kpa, kind="stable")
+    bands = np.array_split(rising, np.clip(len(rising) // LEAST, 1, BANDS))
+    if len(bands) == 1:
+        return [0.0], list(covering_line(pressures_kpa / highest, ratios))
+    return [float(np.median(pressures_kpa[band])) for band in bands[:-1]], [covering(ratios[band]) for band in bands]
+
+
+def _ratios(errors_mm: Floats, leverage: Floats) -> Floats:
+    """|errors| (n, 2) by the roots of their variances 1 + `leverage` (n,) [mm]."""
+    ratios: Floats = np.abs(errors_mm) / np.sqrt(1 + leverage)[:, None]
+    return ratios
+
+
 def _quantile(errors_mm: Floats, leverage: Floats) -> float:
     """What 95 % of errors like these (n, 2), by the roots of their variances 1 + `leverage` (n,), lie below [mm]."""
-    return covering(np.abs(errors_mm) / np.sqrt(1 + leverage)[:, None])
+    return covering(_ratios(errors_mm, leverage))
 
 
 def ridge(features: Features, targets_mm: Floats) -> float:

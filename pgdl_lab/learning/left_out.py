@@ -1,7 +1,8 @@
-"""How a network errs that has few points: it is trained again without a part of them, for each part."""
+"""How a network errs that has few points, or none in a stretch of the body: it is trained again without some."""
 
 from __future__ import annotations
 
+import itertools
 import logging
 import tempfile
 from dataclasses import replace
@@ -11,13 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.calibration import FEWEST
+from pgdl_lab.learning.calibration import FEWEST, TOO_FEW, Held
 from pgdl_lab.learning.data import Training
 from pgdl_lab.learning.fit import trained_field
+from pgdl_lab.learning.gaps import BLOCKS, Excess, Gap
+from pgdl_lab.learning.last_layer import LastLayer
 from pgdl_lab.learning.module import TrainingDiverged
-from pgdl_lab.learning.neural_surrogate import ridge_of, scores_mm
+from pgdl_lab.learning.neural_surrogate import last_layer, ridge_of, scores_mm
 
 if TYPE_CHECKING:
+    from pgdl_lab.learning.field import ReadOutField
     from pgdl_lab.learning.neural import TrainedModel
 
 _log = logging.getLogger(__name__)
@@ -26,41 +30,76 @@ PARTS = 5
 FEW = 10 * FEWEST  # of fewer points a tenth is too few to calibrate error bars on
 
 
-def scores_left_out(model: TrainedModel, training: Training, field: Any, spent_s: float) -> NDArray[np.float64] | None:
-    """Scores (n, 2) [mm], see `scores_mm`, at all points of a training, of networks that were trained without each.
+def bars_left_out(model: TrainedModel, training: Training, field: ReadOutField, spent_s: float) -> LastLayer | None:
+    """Error bars of a trained field, from networks that were trained without parts of the points where that is needed.
 
-    None where the points set aside are enough, or the time is not.
+    It is needed where points set aside are too few, or cannot tell how the field errs: in a stretch of the body that
+    has no training points. None, and a warning, where the time is not enough for it.
 
     Parameters
     ----------
     model, training, field
-        What was trained, a `ReadOutField`.
+        What was trained.
     spent_s
         The time that it took [s]; so much is needed for each part, and all must fit into the budget.
     """
-    whole, trainer = training.whole, training.trainer
+    whole, scene = training.whole, training.scene
     count = len(whole.pressures_kpa)
-    if not 2 * PARTS <= count < FEW:
+    if count < FEWEST:
+        _log.warning(TOO_FEW, count, FEWEST)
         return None
-    if (PARTS + 1) * spent_s > trainer.max_seconds:
+    gap = scene.face and Gap.left_by(whole.points_mm, scene.points_mm, scene.points_mm[:0])
+    parts = PARTS if count < FEW else 0
+    needed_s = (1 + parts + (BLOCKS if gap else 0)) * spent_s
+    if needed_s > training.trainer.max_seconds:
         _log.warning(
-            "Error bars are calibrated on %d points that were set aside, which are too few to trust them: train on %d "
-            "points or more, or give trainer.max_time %.0f s to train without parts of them too.",
-            len(training.held.pressures_kpa), FEW, np.ceil((PARTS + 1.5) * spent_s),
+            "There was no time to train without parts of the points, which tells how far the model errs, so it has no "
+            "error bars: train on %d points or more, all over the body, or give trainer.max_time %.0f s.",
+            FEW, np.ceil(needed_s + spent_s / 2),
         )  # fmt: skip
         return None
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            scores = scores_left_out(model, training, field, Path(folder)) if parts else None
+            bars = last_layer(field, training.samples, training.held, scores)
+            if not gap or bars is None:
+                return bars
+            stretch = gap.stretch(whole.points_mm, _excess(model, training, field, bars, Path(folder)))
+        except TrainingDiverged:
+            return None
+    return None if stretch is None else replace(bars, stretch=stretch)
+
+
+def scores_left_out(model: TrainedModel, training: Training, field: Any, folder: Path) -> NDArray[np.float64] | None:
+    """Scores (n, 2) [mm], see `scores_mm`, at all points of a training, of networks that were trained without each."""
+    whole = training.whole
+    count = len(whole.pressures_kpa)
     scores, rho = np.empty((count, 2)), ridge_of(field, training.samples)
     part = np.random.default_rng(training.seed).permutation(count) % PARTS
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(PARTS):
-            out = part == number
-            without = Training.of(
-                whole.at(~out), training.scene, training.losses, replace(trainer, progress=False), training.optimizer,
-                training.seed, Path(folder) / str(number), {}, balancing=training.balancing,
-            )  # fmt: skip
-            try:
-                field = trained_field(model, without)
-            except TrainingDiverged:
-                return None
-            scores[out] = scores_mm(field, without.samples, whole.at(out), rho)
+    for number in range(PARTS):
+        out = part == number
+        scores[out] = _scores_without(model, training, out, out, rho, folder / str(number))
     return scores if np.isfinite(scores).all() else None
+
+
+def _excess(model: TrainedModel, training: Training, field: Any, bars: LastLayer, folder: Path) -> Excess:
+    rho, numbers = ridge_of(field, training.samples), itertools.count()
+
+    def excess(held: Held, judged: Held) -> NDArray[np.float64]:
+        scores = _scores_without(model, training, held, judged, rho, folder / f"block{next(numbers)}")
+        return scores / np.interp(training.whole.pressures_kpa[judged], bars.kpa, bars.bar_mm)[:, None]
+
+    return excess
+
+
+def _scores_without(
+    model: TrainedModel, training: Training, out: Held, judged: Held, rho: float, folder: Path
+) -> NDArray[np.float64]:
+    """Scores (m, 2) [mm] of a network that is trained without the points `out` (n,), at the `judged` (n,)."""
+    whole = training.whole
+    without = Training.of(
+        whole.at(~out), training.scene, training.losses, replace(training.trainer, progress=False), training.optimizer,
+        training.seed, folder, {}, balancing=training.balancing,
+    )  # fmt: skip
+    field: Any = trained_field(model, without)
+    return scores_mm(field, without.samples, whole.at(judged), rho)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.loss import Loss
-    from pgdl_lab.surrogate import Record
+    from pgdl_lab.record import Record
 
 _log = logging.getLogger(__name__)
 
@@ -57,7 +57,7 @@ class LinearModel(Model):
     def fit(self, training: Training) -> NodalSurrogate:
         from pgdl_lab.learning.pod import compressed
         from pgdl_lab.learning.threads import threads
-        from pgdl_lab.surrogate import Record
+        from pgdl_lab.record import Record
 
         self.left_out(training.losses)
         with threads(training.trainer.threads):
@@ -133,6 +133,11 @@ def regression_of(
 
     A field `rough` (N, …) tells where kinks are to be expected, see `SeparableRegression`. Its clock begins here, with
     what is `spent_s` already: all fits together take the time budget of the training at most, but for the first two.
+
+    Raises
+    ------
+    InputError
+        When there are fewer samples than a polynomial of that degree has coefficients, and no field guides it.
     """
     import numpy as np
     import torch
@@ -141,7 +146,13 @@ def regression_of(
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.learning.triangulation import Triangulation
 
-    scene = training.scene
+    scene, count = training.scene, len(samples.pressures_kpa)
+    if rough is None and count <= degree:
+        lower = f", or set model.degree={count - 1}" if count > 1 else ""
+        raise InputError(
+            f"{count} training points do not determine a polynomial of degree {degree} in the pressure, which has "
+            f"{degree + 1} coefficients at each place: train on {degree + 1} points at least{lower}."
+        )
     range_kpa = np.array([0.0, samples.pressures_kpa.max()])
     body = Triangulation(scene.points_mm, scene.triangles)
     clock = Clock(training.trainer.max_seconds, spent_s)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.field import Field, ReadOutField
-    from pgdl_lab.surrogate import Record, Surrogate
+    from pgdl_lab.record import Record
+    from pgdl_lab.surrogate import Surrogate
 
 ACTIVATIONS = ("relu", "tanh", "silu", "gelu", "softplus", "sin")
 DTYPES = ("float32", "float64")
@@ -84,12 +85,11 @@ class NeuralModel(TrainedModel):
         return self.new_field(training), training.samples
 
     def finished(self, field: ReadOutField, record: Record, training: Training) -> Surrogate:
-        from pgdl_lab.learning.left_out import scores_left_out
-        from pgdl_lab.learning.neural_surrogate import NeuralSurrogate, last_layer
+        from pgdl_lab.learning.left_out import bars_left_out
+        from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
 
         spent_s = record.history[-1]["seconds"] if record.history else 0.0
-        scores_mm = scores_left_out(self, training, field.cpu(), spent_s)
-        bars = last_layer(field, training.samples, training.held, scores_mm)
+        bars = bars_left_out(self, training, field.cpu(), spent_s)
         return NeuralSurrogate(describe(self), record, field, bars)
 
     @abstractmethod
@@ -112,4 +112,4 @@ class NeuralModel(TrainedModel):
         with torch.device("meta"):  # however large a network the settings ask for, it takes no memory
             field = self.stored_field(tensors)
         field.load_state_dict(tensors, assign=True)
-        return NeuralSurrogate(describe(self), record, field, LastLayer.restored(state))
+        return NeuralSurrogate(describe(self), record, field, LastLayer.restored(state, record.face))

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pgdl_lab.deploy.probe import Probe
+from pgdl_lab.learning.calibration import FEWEST
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import Field, ReadOutField
 from pgdl_lab.learning.last_layer import BEYOND, LastLayer, ridge, scores
-from pgdl_lab.surrogate import Record, Surrogate
+from pgdl_lab.record import Record
+from pgdl_lab.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +58,7 @@ class NeuralSurrogate(Surrogate):
             for row, kpa in zip(bars_mm, pressures_kpa, strict=True):
                 place, pressure = _features(self.field, coordinates, np.full(len(points_mm), kpa))
                 row[:] = self.last_layer.bars(place, pressure[0], float(kpa))
-        return bars_mm
+        return bars_mm * self.last_layer.stretched(self.record.face, points_mm)
 
 
 def last_layer(
@@ -64,9 +66,12 @@ def last_layer(
 ) -> LastLayer | None:
     """Error bars of a field that was `trained` on some samples and has not seen those `held` back.
 
-    None if the field has no finite numbers for them.
+    None if the field has no finite numbers for them, or too few samples tell how it errs.
     """
     samples = trained.joined(held)
+    told = len(held.pressures_kpa) if scores_mm is None and len(held.pressures_kpa) else len(samples.pressures_kpa)
+    if told < FEWEST:
+        return None
     aside = np.arange(len(samples.pressures_kpa)) >= len(trained.pressures_kpa)
     coordinates = field.cpu().coordinates(samples.points_mm, order=0)
     features = _features(field, coordinates, samples.pressures_kpa)

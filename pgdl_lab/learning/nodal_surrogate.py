@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.probe import PolynomialProbe, polynomials
 from pgdl_lab.deploy.shapes import FLOATS, INDICES
-from pgdl_lab.surrogate import Record, Surrogate
+from pgdl_lab.record import Record
+from pgdl_lab.surrogate import Surrogate
 
 AT_NODE = 1e-9  # weight of other nodes below which a point is one
 
@@ -33,7 +34,8 @@ class NodalSurrogate(Surrogate):
         Chebyshev coefficients of the amplitudes of the K modes; "range_kpa" (2,), pressures mapped to −1 … 1. With
         error bars also "spread" (N, D, L) [mm], square roots of the covariance of the nodes' Chebyshev coefficients;
         "noise_mm" (); "bar_kpa" (B,) and "bar_deviations" (B,), pressures and the number of standard deviations that
-        make a bar there.
+        make a bar there; where the body has a stretch without training points "bar_stretch" (N,), how many times
+        wider bars are.
     """
 
     shapes = {
@@ -46,6 +48,7 @@ class NodalSurrogate(Surrogate):
         "noise_mm": (FLOATS,),
         "bar_kpa": (FLOATS, "B"),
         "bar_deviations": (FLOATS, "B"),
+        "bar_stretch": (FLOATS, "N"),
     }
 
     def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
@@ -74,6 +77,8 @@ class NodalSurrogate(Surrogate):
         chebyshev = chebyshev.reshape(-1, degree)  # also without any pressure
         roots = np.tensordot(chebyshev, self._state["spread"], axes=(1, 1))  # (P, N, L)
         nodal_mm = np.sqrt((roots**2).sum(axis=2) + self._state["noise_mm"] ** 2)
+        if "bar_stretch" in self._state:
+            nodal_mm *= self._state["bar_stretch"]
         # the deviation of a mean of three is at most the mean of the three
         deviation_mm = np.einsum("nc,pnc->pn", weights, nodal_mm[:, corners])
         factor = np.interp(pressures_kpa, self._state["bar_kpa"], self._state["bar_deviations"])

@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from pgdl_lab.deploy.limits import BEYOND
-from pgdl_lab.learning.calibration import NORMAL, Floats, Held, above_fold, bar_deviations, fits, inside_folds
+from pgdl_lab.learning.calibration import NORMAL, Floats, Held, above_fold, fits, inside_folds
+from pgdl_lab.learning.gaps import BLOCKS, Gap, calibrated
 from pgdl_lab.learning.linear import regression_of
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev, evaluated
 
@@ -119,12 +120,14 @@ def decompose(
         Where the data are what another fit leaves of the displacement: what that would leave (n, 2) [mm] if it had not
         seen the samples held out (n,). Error bars hold what it errs by too.
     """
-    calibrations = fits(len(regression.polynomials))
+    samples = regression.samples
+    gap = Gap.left_by(samples.points_mm, regression.body_mm, regression.clamp_mm)
+    calibrations = fits(len(regression.polynomials)) + (BLOCKS if gap else 0)
     few = len(prior.covariance)  # as many as polynomials
     posterior = regression.posterior(prior, draws if regression.allows(1 + calibrations) else few, rng)
 
     def ratios(held: Held, judged: Held) -> Floats:
-        targets_mm = refitted(held) if refitted else regression.samples.displacements_mm
+        targets_mm = refitted(held) if refitted else samples.displacements_mm
         mean, deviation = regression.at_samples(
             regression.posterior(prior, LEARNING_DRAWS, rng, kept=~held, targets_mm=targets_mm)
         )
@@ -134,8 +137,8 @@ def decompose(
     if not regression.allows(calibrations):
         _log.warning("trainer.max_time left no time to calibrate error bars, so there are none: give it more.")
         return known(posterior)
-    bar_kpa, deviations = bar_deviations(regression.samples.pressures_kpa, ratios, rng)
-    return {**known(posterior), "bar_kpa": torch.from_numpy(bar_kpa), "bar_deviations": torch.from_numpy(deviations)}
+    bars = calibrated(samples, ratios, gap, rng)
+    return {**known(posterior), **{name: torch.from_numpy(array) for name, array in bars.items()}}
 
 
 def known(posterior: Posterior) -> dict[str, Tensor]:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from pgdl_lab.deploy.face_mesh import FaceMesh
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.deploy.shapes import FLOATS, INDICES
-from pgdl_lab.surrogate import Record, Surrogate
+from pgdl_lab.record import Record
+from pgdl_lab.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 
@@ -30,8 +31,9 @@ class ProcessSurrogate(Surrogate):
         "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "places" (N, M), the inputs that stand for its
         points; "unit_kpa" (), pressure per unit of the last input; all by the length scale. "inputs" (n, M + 1), of the
         points learnt from, with "weights_mm" (n, 2), and "mean_mm" (2,). "size_mm" (), standard deviation of the
-        process, and "noise" (), variance of the noise by that of the process. "bar_kpa" (B,) and "bar_deviations" (B,),
-        pressures and the number of standard deviations that make a bar there.
+        process, and "noise" (), variance of the noise by that of the process. With error bars "bar_kpa" (B,) and
+        "bar_deviations" (B,), pressures and the number of standard deviations that make a bar there, and where the body
+        has a stretch without training points "bar_stretch" (N,), how many times wider bars are.
     """
 
     shapes = {
@@ -46,6 +48,7 @@ class ProcessSurrogate(Surrogate):
         "noise": (FLOATS,),
         "bar_kpa": (FLOATS, "B"),
         "bar_deviations": (FLOATS, "B"),
+        "bar_stretch": (FLOATS, "N"),
     }
 
     def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
@@ -62,14 +65,20 @@ class ProcessSurrogate(Surrogate):
         places = interpolated(self._body, self._state["places"], points_mm)
         return ProcessProbe(self._state, covariance(places, self._state["inputs"][:, :-1]))
 
-    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats:
-        state, probe = self._state, self.probe(points_mm)
+    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
+        state = self._state
+        if "bar_deviations" not in state:
+            return None
+        probe = self.probe(points_mm)
         known = np.empty((len(pressures_kpa), len(points_mm)))
         for row, kpa in zip(known, pressures_kpa, strict=True):
             by_pressure, _ = probe.along(float(kpa))
             row[:] = ((probe.by_place @ (by_pressure * self._inverse_factor.T)) ** 2).sum(axis=1)
         deviation_mm = state["size_mm"] * np.sqrt(np.maximum(1 + state["noise"] - known, state["noise"]))
-        return np.interp(pressures_kpa, state["bar_kpa"], state["bar_deviations"])[:, None] * deviation_mm
+        bars_mm: Floats = np.interp(pressures_kpa, state["bar_kpa"], state["bar_deviations"])[:, None] * deviation_mm
+        if "bar_stretch" in state:
+            bars_mm *= interpolated(self._body, state["bar_stretch"][:, None], points_mm)[:, 0]
+        return bars_mm
 
     @cached_property
     def _inverse_factor(self) -> Floats:

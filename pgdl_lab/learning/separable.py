@@ -134,6 +134,7 @@ class SeparableRegression:
         self.length_mm = float(np.linalg.norm(np.ptp(body.points_mm, axis=0)))
         self.nodes = len(body.points_mm)
         self.free = np.setdiff1d(np.arange(self.nodes), clamp)
+        self.body_mm, self.clamp_mm = body.points_mm, body.points_mm[clamp]
         self.kinks = body.kinks[:, self.free]
         if rough is not None:
             there = np.linalg.norm(body.kinks @ rough.reshape(self.nodes, -1), axis=1)

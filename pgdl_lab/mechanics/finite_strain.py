@@ -19,7 +19,7 @@ from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
 from pgdl_lab.mechanics.memory import require
 from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
-from pgdl_lab.mechanics.path import Branch, PathEnded, follow, refine
+from pgdl_lab.mechanics.path import SMALLEST_STEP, Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.solid import Solid
 from pgdl_lab.mechanics.vtk import vtk_cells
 
@@ -32,6 +32,18 @@ FIRST_WEIGHT = 0.1  # of the weight
 FIRST_PRESSURE = 0.04  # of the highest pressure
 SAME_STIFFNESS_MM = 1e-8  # a displacement so small leaves slopes as they are, even for interpolation to 1e-5 mm
 PROBED = 200  # points at a time
+
+
+def unborne(branch: Branch) -> str:
+    """Why a path ended before the whole weight was on: at a limit point, or where Newton's method found no more."""
+    reached, units = f"{branch.parameters[-1]:.2%}", "finger.density_kg_m3 and finger.gravity_m_s2"
+    if branch.limit() is not None:
+        return f"The finger bears only {reached} of its weight: check the units of {units}, or make it stiffer."
+    return (
+        f"Newton's method found no equilibrium beyond {reached} of the finger's weight, however small the step (down "
+        f"to {SMALLEST_STEP:.3%}): it may bear no more, so check the units of {units}; if they are right, refine the "
+        "mesh."
+    )
 
 
 @dataclass
@@ -253,10 +265,7 @@ class Model:
                 try:
                     settled = follow(weigh, resting, 1.0, FIRST_WEIGHT, lambda w: show(0.0, f"{w:4.0%} of the weight"))
                 except PathEnded as end:
-                    raise LabError(
-                        f"The finger bears only {end.branch.parameters[-1]:.0%} of its weight: check the units of "
-                        "finger.density_kg_m3 and finger.gravity_m_s2, or refine the mesh."
-                    ) from None
+                    raise LabError(unborne(end.branch)) from None
                 resting, weighing = settled.displacements[-1], settled.iterations
             complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
             try:

@@ -22,7 +22,8 @@ RULES = (
     (ACCURACY, "The finger is short for fem=rod"),
     (DATA, "No training point lies within"),
     (DATA, "own error bars are .* its data are too few or too noisy"),
-    (DATA, "Error bars are calibrated on .* too few to trust them"),
+    (DATA, "are too few to tell how far the model errs"),
+    (REMARK, "no time to train without parts of the points"),
     (TRAINING, "has not learnt its own training points"),
     (RANGE, "lies outside the trained"),
     (REMARK, "uses second derivatives, which are zero everywhere"),
@@ -33,7 +34,7 @@ RULES = (
 )
 
 
-STATED = re.compile("would lie .* mm elsewhere|own error bars are|with an error bar of up to")
+STATED = re.compile("would lie .* mm elsewhere|own error bars|with an error bar of up to")
 """In a warning that says how large the error may be."""
 
 

@@ -124,18 +124,18 @@ def attempt(stress: Stress, name: str, data: Snapshots, finger: Any, seed: int, 
         surrogate = trained(plugin("model", name)(**stress.model), training)
         surrogate.predict(data.points, float(data.pressures_kpa[tested]))  # warns of what lies beyond
     surrogate.outside = "ignore"
-    return judged(surrogate, data, train, samples, tested)
+    return judged(surrogate, data, train, training, tested)
 
 
-def judged(surrogate: Surrogate, data: Snapshots, train: NDArray[np.int64], samples: Samples, tested: int) -> Result:
-    """What is wrong with a surrogate that learnt from `samples`, the points `train` of `data`, when asked at `tested`.
+def judged(surrogate: Surrogate, data: Snapshots, train: NDArray[np.int64], training: Training, tested: int) -> Result:
+    """What is wrong with a surrogate of a `training` on the points `train` of `data`, when asked at `tested`.
 
     Parameters
     ----------
     train
         (n,) index of each sample, see `Samples.of`.
-    samples
-        (n,) what it was told of them, which may be noisy.
+    training
+        What it was told of them, which may be noisy, and which of them were set aside.
     tested
         Index of the pressure.
     """
@@ -149,8 +149,8 @@ def judged(surrogate: Surrogate, data: Snapshots, train: NDArray[np.int64], samp
     if kpa > highest and not error <= GOOD:
         causes.append(RANGE)
     if not known <= GOOD:
-        causes.append(DATA if _misfit(surrogate, samples) <= GOOD else TRAINING)
-    far = _far(data.points[unseen[tested]], samples.points_mm)
+        causes.append(DATA if _misfit(surrogate, training.samples) <= GOOD else TRAINING)
+    far = _far(data.points[unseen[tested]], training.whole.points_mm)
     guessed = (DATA,) if far.any() and _size(errors[far]) > GOOD * _size(data.displacements[tested]) else ()
     bars = surrogate.error_bar(data.points[unseen[tested]], kpa)
     return Result(error, tuple(causes), () if bars is None else (bar_of(np.abs(errors), bars),), guessed)

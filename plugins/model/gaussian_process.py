@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pgdl_lab.learning.data import Training
     from pgdl_lab.learning.process_surrogate import ProcessSurrogate
     from pgdl_lab.loss import Loss
-    from pgdl_lab.surrogate import Record
+    from pgdl_lab.record import Record
 
 
 @register("model", "gaussian_process")
@@ -63,7 +63,7 @@ class GaussianProcess(Model):
         from pgdl_lab.learning.linear import tell_left_out
         from pgdl_lab.learning.threads import threads
         from pgdl_lab.learning.triangulation import Triangulation
-        from pgdl_lab.surrogate import Record
+        from pgdl_lab.record import Record
 
         tell_left_out("gaussian_process", self.left_out(training.losses))
         scene, rng = training.scene, np.random.default_rng(training.seed)

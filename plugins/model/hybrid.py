@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.guided import GuidedField
     from pgdl_lab.loss import Loss
-    from pgdl_lab.surrogate import Record, Surrogate
+    from pgdl_lab.record import Record
+    from pgdl_lab.surrogate import Surrogate
 
 _log = logging.getLogger(__name__)
 
@@ -85,7 +86,7 @@ class Hybrid(TrainedModel):
     def fit(self, training: Training) -> Surrogate:
         from pgdl_lab.learning.clock import Clock
         from pgdl_lab.learning.linear import BOUNDARY, DATA
-        from pgdl_lab.surrogate import Record
+        from pgdl_lab.record import Record
 
         self.left_out(training.losses)
         clock = Clock(training.trainer.max_seconds)

@@ -21,8 +21,9 @@ from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.assessment.yardstick import measure
 from pgdl_lab.deploy.probe import Probe
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.record import Record
 from pgdl_lab.registry import discover, names, plugin
-from pgdl_lab.surrogate import Record, Surrogate
+from pgdl_lab.surrogate import Surrogate
 from tests.synthetic import MAX_KPA, bend
 from tests.trainings import TRAIN, small, training
 

@@ -9,7 +9,7 @@ import pytest
 import scipy.stats
 import torch
 
-from pgdl_lab.learning.calibration import FEWEST, bar_deviations, covering, fits
+from pgdl_lab.learning.calibration import FEWEST, bar_deviations, covering, covering_line, fits
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.neural import TrainedModel
 from pgdl_lab.registry import discover, names, plugin
@@ -108,25 +108,59 @@ def test_bars_beyond_are_calibrated_on_the_highest_pressures_of_a_fit_to_those_b
         asked.append((kpa[held], kpa[judged]))
         return np.full((judged.sum(), 2), within if len(asked) < fits(800) else beyond)
 
-    bar_kpa, deviations = bar_deviations(kpa, ratios, np.random.default_rng(0))
+    found = bar_deviations(kpa, ratios, np.random.default_rng(0))
+    assert found is not None
+    bar_kpa, deviations = found
     held, judged = asked[-1]
     assert np.array_equal(np.sort(held), np.arange(44 * 16 + 1, 801) / 16)  # the uppermost 12 %
     assert np.array_equal(np.sort(judged), np.arange(48 * 16, 801) / 16)  # of these the uppermost 4 %
-    assert bar_kpa == pytest.approx([50.0, 56.0])
-    assert deviations == pytest.approx([within, max(within, beyond)])
+    assert bar_kpa == pytest.approx([0.0, 50.0, 56.0])
+    assert deviations == pytest.approx([within, within, max(within, beyond)])
 
 
-@pytest.mark.parametrize("count", [1, 30])
-def test_samples_of_one_pressure_tell_nothing_of_those_beyond(count: int) -> None:
-    bar_kpa, deviations = bar_deviations(
-        np.full(count, 20.0), lambda held, judged: np.full((judged.sum(), 2), 4.0), np.random.default_rng(0)
+def test_samples_of_one_pressure_tell_nothing_of_those_beyond() -> None:
+    found = bar_deviations(
+        np.full(30, 20.0), lambda held, judged: np.full((judged.sum(), 2), 4.0), np.random.default_rng(0)
     )
-    expected = scipy.stats.norm.ppf(0.975) if count == 1 else 4.0  # of one sample none can be held out
-    assert deviations == pytest.approx([expected, expected], rel=1e-4) and bar_kpa[0] == 20
+    assert found is not None and found[1] == pytest.approx([4.0, 4.0, 4.0]) and found[0][1] == 20
+
+
+@pytest.mark.parametrize("growth", [0.0, 1.0, -0.5])
+def test_bars_follow_errors_that_outgrow_what_is_expected_of_them_as_the_pressure_rises(growth: float) -> None:
+    rng = np.random.default_rng(2)
+    kpa = rng.uniform(0, 50, 1000)
+    size = 1 + growth * kpa / 50
+    errors = size[:, None] * np.abs(rng.standard_normal((1000, 2)))
+    found = bar_deviations(kpa, lambda held, judged: errors[judged], np.random.default_rng(0))
+    assert found is not None
+    if growth >= 0:
+        assert found[1][:2] == pytest.approx([1.96, 1.96 * (1 + growth)], rel=0.25)
+    else:  # none is told too narrow because a few happened to err less at the highest pressures
+        assert found[1][0] == found[1][1]
+    for low, high in ((0, 15), (35, 50)):
+        asked = (kpa > low) & (kpa < high)
+        covered = (errors[asked] <= np.interp(kpa[asked], *found)[:, None]).mean()
+        assert covered > 0.9 and (covered < 0.99 or growth < 0)
+
+
+def test_errors_of_nothing_need_no_bars() -> None:
+    assert not covering_line(np.linspace(0, 1, 30), np.zeros((30, 2))).any()
+
+
+@pytest.mark.parametrize("name", ["body", "mlp", "hybrid", "gaussian_process"])
+def test_fewer_points_than_tell_what_95_of_100_lie_below_have_no_bars(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    given = {**QUICK.get(name, {}), **({"guide": "none"} if name == "hybrid" else {})}
+    surrogate = plugin("model", name)(**given).fit(few(tmp_path, FEWEST - 1, 0))
+    assert surrogate.error_bar([[20.0, 5.0]], 20.0) is None
+    told = "18 points are too few to tell how far the model errs, so it has no error bars: train on 19 points at least."
+    assert told in caplog.text
+    assert "without an error bar" in surrogate._told_bar(np.array([[20.0, 5.0]]), 60.0)
 
 
 def test_of_few_samples_all_are_held_out_in_turn_and_of_many_a_tenth_is() -> None:
-    for count, judged in ((5, 5), (40, 40), (300, 120), (1000, 100), (5000, 500)):
+    for count, judged in ((19, 19), (40, 40), (300, 120), (1000, 100), (5000, 500)):
         seen = []
 
         def ratios(held: Any, asked: Any, seen: Any = seen) -> Any:
@@ -152,6 +186,7 @@ def test_too_few_points_set_aside_and_no_time_for_more_are_told(
 ) -> None:
     model = plugin("model", "mlp")(depth=1, width=8)
     model.fit(few(tmp_path / "enough", 60, 0))
-    assert "too few" not in caplog.text
-    model.fit(few(tmp_path / "short", 60, 0, max_time="0.5", max_epochs=10**6))
-    assert "Error bars are calibrated on 6 points that were set aside, which are too few to trust them" in caplog.text
+    assert "no error bars" not in caplog.text
+    surrogate = model.fit(few(tmp_path / "short", 60, 0, max_time="0.5", max_epochs=10**6))
+    assert "There was no time to train without parts of the points" in caplog.text
+    assert surrogate.error_bar([[20.0, 5.0]], 20.0) is None

@@ -6,7 +6,7 @@ import pytest
 import torch
 from sklearn.linear_model import BayesianRidge
 
-from pgdl_lab.learning.calibration import covering
+from pgdl_lab.learning.calibration import covering_line
 from pgdl_lab.learning.last_layer import BEYOND, STATE, LastLayer, ridge_regression, scores
 from pgdl_lab.registry import discover, plugin
 from tests.trainings import TRAIN, small, training
@@ -78,11 +78,13 @@ def test_bars_are_those_of_fits_without_each_sample() -> None:
     alone = np.array([place[i] @ without(i) - targets[i] for i in range(40)])
     given = (place, np.ones((40, 1))), kpa, targets, place @ weights - targets, np.zeros(40, dtype=bool), SAME
     asked = rng.standard_normal((5, 3))
-    expected = covering(np.abs(alone) / np.sqrt(variance(place))[:, None]) * np.sqrt(variance(asked))
+    line = covering_line(kpa / kpa.max(), np.abs(alone) / np.sqrt(variance(place))[:, None])
+    expected = np.interp(20.0 / kpa.max(), [0, 1], line) * np.sqrt(variance(asked))
     assert LastLayer.fitted(*given).bars(asked, ONE, 20.0) == pytest.approx(expected, rel=1e-5)
     # where networks were trained without each sample, what they err by counts instead
     known = np.abs(rng.standard_normal((40, 2)))
-    expected = covering(known) * np.sqrt(variance(asked))
+    line = covering_line(kpa / kpa.max(), known)
+    expected = np.interp(20.0 / kpa.max(), [0, 1], line) * np.sqrt(variance(asked))
     assert LastLayer.fitted(*given, known).bars(asked, ONE, 20.0) == pytest.approx(expected, rel=1e-5)
     # such scores are errors by the root of their variance
     found = scores(known, (place, np.ones((40, 1))), (place, np.ones((40, 1))), rho)

@@ -10,9 +10,10 @@ from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.mechanics import path
 from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.equilibrium import Balance, Load
-from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.finite_strain import Model, unborne
 from pgdl_lab.mechanics.linear import SuperLU
 from pgdl_lab.mechanics.newton import NoConvergence, solve
+from pgdl_lab.mechanics.path import Branch
 from tests.fingers import balloon, pneunet
 
 
@@ -72,7 +73,7 @@ def test_solver_is_closed_when_a_finger_does_not_bear_its_weight(monkeypatch: py
         method = getattr(model.solver, name)
         monkeypatch.setattr(model.solver, name, lambda *a, m=method, n=name: (m(*a), calls.append(n))[0])
     monkeypatch.setattr(path, "SMALLEST_STEP", 1e-2)
-    with pytest.raises(LabError, match="bears only"):
+    with pytest.raises(LabError, match="no equilibrium beyond .* of the finger's weight"):
         model.load(np.array([20.0]), 1e-6, 1e-3)
     assert "factorise" in calls and calls[-1] == "close"
 
@@ -151,8 +152,20 @@ def test_half_a_finger_cannot_be_pulled_across() -> None:
         model.equilibrium_on(model.mesh, lambda _: NoContact())
 
 
+def test_a_path_of_the_weight_that_ends_tells_what_happened() -> None:
+    """Slopes that grow without bound mean a limit of the body, others that Newton's method found no further one."""
+    at = [0.4, 0.4999, 0.5]
+    turning = Branch(at, [np.zeros((1, 3))] * 3, [np.full((1, 3), (0.50005 - p) ** -0.5) for p in at])
+    assert unborne(turning).startswith("The finger bears only 50.00% of its weight")
+    thrown = Branch([0.0, 0.02], [np.zeros((1, 3))] * 2, [np.ones((1, 3))] * 2)
+    assert "no equilibrium beyond 2.00% of the finger's weight" in unborne(thrown)
+
+
 def test_weight_that_cannot_be_borne_is_named() -> None:
-    with pytest.raises(LabError, match="bears only .*% of its weight"):
+    with pytest.raises(
+        LabError,
+        match="beyond 0.0.% of the finger's weight, however small the step .*: it may bear no more",
+    ):
         Model(pneunet(gravity_m_s2=[-9.81, 0.0], density_kg_m3=1e9), 6.0, "hex20").load(np.array([20.0]), 1e-6, 1e-3)
 
 
