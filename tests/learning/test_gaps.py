@@ -78,25 +78,35 @@ def test_too_little_beside_a_gap_tells_nothing_of_it(caplog: pytest.LogCaptureFi
     assert "No training point lies within 71 mm of x = 100, z = 0 mm, and too few lie elsewhere" in caplog.text
 
 
-@pytest.mark.parametrize("name", ["pod", "finite_element", "gaussian_process", "mlp"])
-def test_bars_hold_in_a_stretch_without_training_points(name: str, tmp_path: Path) -> None:
+@pytest.fixture
+def thrice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors in stretches that are left out are three times their bars."""
+    monkeypatch.setattr(Gap, "stretch", lambda gap, samples_mm, excess: np.where(gap.far, 3.0, 1.0))
+
+
+@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.usefixtures("thrice")
+def test_bars_are_wider_in_the_gap_alone_and_so_from_every_file(name: str, tmp_path: Path) -> None:
     data, low, high = small(), 0.4, 0.65
-    how = training(tmp_path, {"data": {}}, samples=Samples.of(data, without(low, high)), max_epochs=20)
-    surrogate = plugin("model", name)(**QUICK[name]).fit(how)
+    how = training(tmp_path, {"data": {}}, samples=Samples.of(data, without(low, high)), max_epochs=2)
+    model = plugin("model", name)(**QUICK[name])
+    surrogate = model.fit(how)
+    bars = surrogate.error_bar(data.points, data.pressures_kpa)
+    state = {key: array for key, array in surrogate.state().items() if not key.endswith("stretch")}
+    assert bars is not None and len(state) == len(surrogate.state()) - 1
+    wider = bars / model.restore(state, surrogate.record).error_bar(data.points, data.pressures_kpa)
     share = data.points[:, 0] / data.points[:, 0].max()
-    inside, kpa = (share > low + 0.02) & (share < high - 0.02), data.pressures_kpa
-    bars = surrogate.error_bar(data.points, kpa)
-    assert bars is not None
-    hit = (np.abs(surrogate.predict(data.points, kpa) - data.displacements) <= bars[..., None]).mean(axis=(0, 2))
-    assert hit[inside].mean() > 0.9
+    assert wider[:, (share > low + 0.05) & (share < high - 0.05)] == pytest.approx(3.0)
+    assert np.median(wider[:, (share < low) | (share > high)], axis=1) == pytest.approx(1.0)
     surrogate.save(tmp_path / "surrogate.pt")
     again = pgdl_lab.load(tmp_path / "surrogate.pt")
-    assert np.array_equal(again.error_bar(data.points, kpa), bars)
+    assert np.array_equal(again.error_bar(data.points, data.pressures_kpa), bars)
     numpy_form.write(surrogate, tmp_path / "surrogate.npz")
-    plain = pgdl_lab.load(tmp_path / "surrogate.npz").error_bar(data.points, kpa)
+    plain = pgdl_lab.load(tmp_path / "surrogate.npz").error_bar(data.points, data.pressures_kpa)
     assert plain == pytest.approx(bars, rel=1e-3)
 
 
+@pytest.mark.usefixtures("thrice")
 def test_a_stretch_of_another_body_is_refused(tmp_path: Path) -> None:
     how = training(tmp_path, {"data": {}}, samples=Samples.of(small(), without(0.4, 0.65)), max_epochs=2)
     surrogate: Any = plugin("model", "mlp")(**QUICK["mlp"]).fit(how)

@@ -13,6 +13,8 @@ from pgdl_lab import paths, registry, sources
 from pgdl_lab.composing import experiment
 from pgdl_lab.errors import InputError, LabError
 from pgdl_lab.finger import Finger
+from pgdl_lab.learning.data import Samples, Scene
+from pgdl_lab.learning.doubt import trained
 from pgdl_lab.mechanics import path
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.vtk import HEXAHEDRON
@@ -248,6 +250,25 @@ def test_what_is_wrong_with_a_closed_form_is_measured(data: Any, axis: str, leve
     found = learnt(stress, "finite_element", data)
     assert cause in found.causes and cause in {claim(sentence).cause for sentence in found.told}
     assert [bar.what for bar in found.bars] == ["95 %"]
+
+
+def test_bars_hold_where_a_stretch_has_no_training_points(data: Any) -> None:
+    (stress,) = [each for each in learning.stresses(False) if each.level == "40% of the length"]
+    (bar,) = learnt(stress, "pod", data).bars
+    assert bar.holds and bar.ratio > 0.5  # calibrated at places like those of the training points they cover 89 %
+
+
+def test_one_missing_corner_at_the_clamp_is_no_guess(data: Any, tmp_path: Path) -> None:
+    """The clamp does not move, which is known: what lies beside it is near to something that is."""
+    share = data.points[:, 0] / data.points[:, 0].max()
+    for hidden, warned in ((share < 0.12, False), (share > 0.3, True)):
+        shown = np.flatnonzero(~np.tile(hidden, len(data.pressures_kpa)))[::3]
+        training = learning.Training.of(
+            Samples.of(data, shown), Scene.of(FINGER, data), {"data": registry.plugin("loss", "data")()},
+            learning._budget(experiment([]), len(shown), 20), experiment([]).optimizer, 0, tmp_path, {},
+        )  # fmt: skip
+        surrogate = trained(registry.plugin("model", "finite_element")(), training)
+        assert any("No training point lies within" in told for told in surrogate.warnings) == warned
 
 
 def test_a_network_that_has_not_learnt_its_points_is_told_from_one_with_few(data: Any) -> None:
