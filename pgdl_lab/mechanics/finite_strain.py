@@ -329,15 +329,31 @@ class Model:
                     break
         return farthest
 
+    def gives_way_kpa(self, parameters: list[float], displacements: list[Array]) -> list[float]:
+        """Pressures [kPa] at which equilibria (N, 3) [mm] that others found give way sideways; none if whole."""
+        if self.equilibrium.sideways is None:
+            return []
+        found = []
+        with closing(symmetric_solver()) as solver:
+            for kpa, displacement in zip(parameters, displacements, strict=True):
+                solver.factorise(self.equilibrium.sideways_stiffness(displacement, Load(1.0, 1e-3 * kpa)))
+                if solver.negative:
+                    found.append(kpa)
+        return found
+
+    def crossed_kpa(self, parameters: list[float], displacements: list[Array]) -> list[float]:
+        """Pressures [kPa] at which surfaces pass through each other at these displacements (N, 3) [mm]."""
+        states = zip(parameters, displacements, strict=True)
+        return [kpa for kpa, displacement in states if self.equilibrium.contact.penetrates(displacement)]
+
     def contact_report(self, history: History) -> dict[str, Any]:
         """Whether contact acted, the smallest gap [mm] (None: none near) and the pressures [kPa] with penetration."""
         contact, branch = self.equilibrium.contact, history.branch
         smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
-        states = zip(branch.parameters, branch.displacements, strict=True)
         return {
             "acted": contact.active and any(contact.near(displacement) for displacement in branch.displacements),
             "smallest_gap_mm": smallest if np.isfinite(smallest) else None,
-            "penetration_kpa": [kpa for kpa, displacement in states if contact.penetrates(displacement)],
+            "penetration_kpa": self.crossed_kpa(branch.parameters, branch.displacements),
         }
 
     def probe(self, face: Face) -> Callable[[Array], Array]:

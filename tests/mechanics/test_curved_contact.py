@@ -45,6 +45,14 @@ def test_faces_that_slip_through_are_seen(scene: str, element: str) -> None:
     assert not contact.penetrates(shallow) and not contact.slips_through(apart)
 
 
+def test_states_that_others_found_are_looked_at() -> None:
+    """As CalculiX finds them: a model without contact tells where they cross."""
+    model = Model(SCENES["chamber"], 0.0, "hex20")
+    at = model.discretisation
+    states = [bulging(at, "chamber", by) for by in (-0.9, -0.2, 0.1, 0.3)]
+    assert model.crossed_kpa([0.0, 1.0, 2.0, 3.0], states) == [2.0, 3.0]
+
+
 def test_more_triangles_keep_them_apart() -> None:
     mesh = discretised(SCENES["between"])
     contact = Contact(mesh, REACH_MM, 0.05, "auto")
