@@ -21,6 +21,25 @@ def moved(mesh: "ipctk.CollisionMesh", displacement: Array) -> Array:
     return vertices
 
 
+def thinned(mesh: "ipctk.CollisionMesh", vertices: Array, by_mm: float) -> Array:
+    """`vertices` (V, 3) moved into the body by `by_mm` [mm], where triangles are not much smaller than that.
+
+    None moves by more than a quarter of the shortest edge at it, so that no triangle is turned over.
+    """
+    corners = vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inwards, most = np.zeros_like(vertices), np.full(len(vertices), np.inf)
+    ends = vertices[mesh.edges]
+    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    for corner in mesh.faces.T:
+        np.subtract.at(inwards, corner, normals)
+    for end in mesh.edges.T:
+        np.minimum.at(most, end, length / 4)
+    size = np.linalg.norm(inwards, axis=1, keepdims=True)
+    result: Array = vertices + np.minimum(most, by_mm)[:, None] * inwards / np.where(size > 0, size, 1.0)
+    return result
+
+
 def collisions(mesh: "ipctk.CollisionMesh", vertices: Array, distance_mm: float) -> "ipctk.NormalCollisions":
     """What is nearer than `distance_mm` on `mesh` with its `vertices` (V, 3) [mm]."""
     import ipctk

@@ -7,18 +7,26 @@ there can show: a body carried wholly through another crosses nothing at the end
 """
 
 import os
+from collections.abc import Callable
+from copy import copy
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.errors import InputError
+from pgdl_lab.mechanics.crossing import MOST_DIVISIONS, CurvedFaces
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.skin import MIRROR, skin
 from pgdl_lab.mechanics.surface import ContactResponse, MirrorPlane, Pairs, Surface
 from pgdl_lab.mechanics.threads import threads
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 REACH_MM = 0.05  # unless told otherwise
 # Forces on quadratic faces come from samples, more of them than nodes: those of a uniform pressure are in error by the
@@ -66,14 +74,13 @@ class Contact:
         self.active = mode == "on"
         self.reach_mm = reach_mm
         self._rest = np.zeros_like(discretisation.positions)
-        faces, law = skin(discretisation, cut), (reach_mm, stiffness_mpa)
+        self._positions, self._law = discretisation.positions, (reach_mm, stiffness_mpa)
+        self._faces, self._held = skin(discretisation, cut), np.zeros(len(self._rest), dtype=bool)
+        if mirror := bool(len((discretisation.basis.mesh.boundaries or {}).get(MIRROR, []))):
+            self._held[discretisation.basis.get_dofs(MIRROR).all()] = True
+        self._curved = CurvedFaces(self._faces, self._positions, mirror=mirror)
         for divisions in DIVISIONS:
-            surfaces = [Surface(each, discretisation.positions, divisions, *law) for each in faces]
-            self._pairs: list[Pairs] = [*surfaces]
-            if len((discretisation.basis.mesh.boundaries or {}).get(MIRROR, [])):
-                held = np.zeros(len(self._rest), dtype=bool)
-                held[discretisation.basis.get_dofs(MIRROR).all()] = True
-                self._pairs.append(MirrorPlane(surfaces, held, *law))
+            self._divisions, self._pairs = divisions, self._followed(divisions)
             # Triangles that share no vertex may be near each other at rest: a step, or the bottom of a gap.
             near_mm = min(pairs.apart_at_rest_mm for pairs in self._pairs)
             if not np.isfinite(near_mm):
@@ -91,6 +98,34 @@ class Contact:
                 f"fem.contact_mm is {reach_mm} mm; it must be below half of {near_mm:.3g} mm, the smallest distance "
                 "between surfaces of the undeformed mesh: lower it, or choose fem.contact=off."
             )
+
+    def _followed(self, divisions: int) -> list[Pairs]:
+        """What can meet, with so many triangles along each edge."""
+        surfaces = [Surface(each, self._positions, divisions, *self._law) for each in self._faces]
+        plane = [MirrorPlane(surfaces, self._held, *self._law)] if self._held.any() else []
+        return [*surfaces, *plane]
+
+    def follow_more_finely(self) -> bool:
+        """Twice as many triangles along each edge, as before any contact; False where they would be too small."""
+        if 2 * self._divisions > MOST_DIVISIONS:
+            return False
+        finer = self._followed(2 * self._divisions)
+        if min(pairs.apart_at_rest_mm for pairs in finer) < np.inf:
+            return False
+        self._divisions, self._pairs, self.active = 2 * self._divisions, finer, self.mode == "on"
+        return True
+
+    def like(self, other: "Contact") -> "Contact":
+        """The same, with as many triangles along each edge as `other` has."""
+        while self._divisions < other._divisions and self.follow_more_finely():
+            pass
+        return self
+
+    def carried(self, interpolation: "Callable[[Array], csr_matrix]") -> "Contact":
+        """The same contact for equilibria on other nodes near one of these, see `Pairs.carried`."""
+        result = copy(self)
+        result._pairs = [pairs.carried(interpolation) for pairs in self._pairs]
+        return result
 
     @cached_property
     def _seen_mm(self) -> float:
@@ -118,8 +153,18 @@ class Contact:
         return any(pairs.passes(start, end) for pairs in self._pairs)
 
     def penetrates(self, displacement: Array) -> bool:
-        """Whether surfaces pass through each other at `displacement` (N, 3) [mm]."""
-        return any(pairs.penetrates(displacement) for pairs in self._pairs)
+        """Whether surfaces pass through each other at `displacement` (N, 3) [mm].
+
+        That their triangles do is seen from any depth on; of the curved faces themselves, from the reach on.
+        """
+        return any(pairs.penetrates(displacement) for pairs in self._pairs) or self.slips_through(displacement)
+
+    def slips_through(self, displacement: Array) -> bool:
+        """Whether curved faces pass through each other by more than the reach, though triangles may not."""
+        off_mm = self._curved.off_mm(displacement, self._divisions)
+        if all(pairs.gap_mm(displacement, self.reach_mm + 2 * off_mm) == np.inf for pairs in self._pairs):
+            return False
+        return self._curved.cross(displacement, self.reach_mm)
 
     def near(self, displacement: Array) -> bool:
         """Whether surfaces are within reach of each other."""

@@ -86,8 +86,6 @@ def estimate(coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: f
         crossed, or the equilibrium on the finer mesh is not found from there.
     """
     start = prolonged(coarse.solid.discretisation, fine.solid.discretisation, displacement)
-    if fine.contact.active and fine.contact.penetrates(start):
-        return None
     pressure = prolonged_pressure(coarse.solid, fine.solid.discretisation, displacement)
     load, solver = Load(1.0, 1e-3 * kpa), symmetric_solver()
     try:

@@ -11,7 +11,7 @@ from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.reduced import ReducedModel
 from pgdl_lab.mechanics.rod import Rod, Sections
-from pgdl_lab.mechanics.segments import cuts, segments
+from pgdl_lab.mechanics.segments import cuts, meet, segments
 
 Array = NDArray[np.float64]
 
@@ -76,13 +76,10 @@ class FingerRod(ReducedModel):
             length = self.cuts[number + 1] - self.cuts[number]
             groups.append((points, segment.lattice.interpolation(face.points[points] - [self.cuts[number], 0.0])))
             ends.append(segment.lattice.interpolation(np.array([[length, 0.0]])))
-        counts = np.bincount(self.owner)
 
         def observe(state: Array, kpa: float) -> Array:
             u, w, angle = (np.interp(x, self.rod.nodes, component) for component in state.T)
-            strains = self.rod.strains(state)[:, ::2]
-            means = np.column_stack([np.bincount(self.owner, strain) / counts for strain in strains.T])
-            amplitudes = np.column_stack([means, np.full(len(means), 1e-3 * kpa)])
+            amplitudes = self.amplitudes(state, kpa)
             turns = np.interp(self.cuts[1:], self.rod.nodes, state[:, 2])
             excess, shift = np.empty_like(face.points), np.empty_like(face.points)
             reached = np.zeros(2)
@@ -94,6 +91,15 @@ class FingerRod(ReducedModel):
             return np.column_stack([u, w - height]) + carried + shift
 
         return observe
+
+    def amplitudes(self, state: Array, kpa: float) -> Array:
+        """Mean Γ [–] and κ [1/mm] of each segment, and the pressure [MPa]: (segments, 3)."""
+        counts, strains = np.bincount(self.owner), self.rod.strains(state)[:, ::2]
+        means = np.column_stack([np.bincount(self.owner, strain) / counts for strain in strains.T])
+        return np.column_stack([means, np.full(len(means), 1e-3 * kpa)])
+
+    def touches(self, state: Array, kpa: float) -> bool:
+        return meet(self.segments, self.amplitudes(state, kpa))
 
     def doubts(self) -> list[str]:
         if len(self.segments) >= FEWEST_SEGMENTS:

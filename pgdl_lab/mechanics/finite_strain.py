@@ -16,10 +16,12 @@ from pgdl_lab.mechanics.discretisation_error import DiscretisationError, estimat
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.leaning import Lean, Leaning, whole
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
 from pgdl_lab.mechanics.memory import require
 from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
 from pgdl_lab.mechanics.path import SMALLEST_STEP, Branch, PathEnded, follow, refine
+from pgdl_lab.mechanics.places import interpolation_at
 from pgdl_lab.mechanics.solid import Solid
 from pgdl_lab.mechanics.vtk import vtk_cells
 
@@ -44,6 +46,10 @@ def unborne(branch: Branch) -> str:
         f"to {SMALLEST_STEP:.3%}): it may bear no more, so check the units of {units}; if they are right, refine the "
         "mesh."
     )
+
+
+class SlippedThrough(Exception):
+    """Contact follows curved faces so coarsely that they pass through each other, and can follow them more finely."""
 
 
 @dataclass
@@ -89,6 +95,8 @@ class LoadLeg:
         if contact.mode == "auto" and not contact.active and (contact.near(found) or contact.passes(before, found)):
             contact.active = True
             raise NoConvergence  # so that the step is taken again, shorter
+        if contact.active and contact.slips_through(found) and contact.follow_more_finely():
+            raise SlippedThrough
         self._found[parameter] = found
         return solution
 
@@ -248,6 +256,13 @@ class Model:
         LabError
             When the finger does not bear its own weight.
         """
+        while True:
+            try:
+                return self._loaded(pressures_kpa, newton_mm, interpolation_mm)
+            except SlippedThrough:  # what was found before is no equilibrium of the finer contact
+                continue
+
+    def _loaded(self, pressures_kpa: Array, newton_mm: float, interpolation_mm: float) -> History:
         equilibrium, max_kpa = self.equilibrium, float(pressures_kpa[-1])
         weigh = LoadLeg(equilibrium, self.solver, newton_mm, lambda w: Load(w, 0.0), lambda _: equilibrium.weight)
         inflate = LoadLeg(
@@ -289,23 +304,65 @@ class Model:
         touching = contact.active and contact.near(highest)
         with progress() as show:
             show(0.0, "discretisation error")
-            try:
-                fine = self.equilibrium_on(
-                    refined(self.mesh), lambda on: self._contact(on, "on") if touching else NoContact()
-                )
-            except InputError:
-                return None  # contact reaches too far for the finer mesh
+            # It acts at the places where it acted, which are then where they were: none crosses another.
+            fine = self.equilibrium_on(
+                refined(self.mesh),
+                lambda on: contact.carried(lambda places: interpolation_at(on, places)) if touching else NoContact(),
+            )
             return estimate(self.equilibrium, fine, highest, history.reached_kpa)
+
+    def lean(self, parameters: list[float], displacements: list[Array], gives_way_kpa: list[float]) -> Lean | None:
+        """How far the body leans over where its half gives way sideways; the farthest, None where it never does.
+
+        Looked at are the highest, the lowest and the middle pressure of `gives_way_kpa`, until it leans far.
+
+        Parameters
+        ----------
+        parameters, displacements
+            Pressures [kPa] and their equilibria (N, 3) [mm].
+        """
+        if not gives_way_kpa:
+            return None
+        largest_mm = max(float(np.linalg.norm(each, axis=1).max()) for each in displacements)
+        contact, farthest = self.equilibrium.contact, Lean(gives_way_kpa[-1], 0.0, 0.0, True)
+        with closing(symmetric_solver()) as solver, progress() as show:
+            show(0.0, "leaning over")
+            both = self.equilibrium_on(
+                whole(self.mesh), lambda on: self._contact(on, "on").like(contact) if contact.active else NoContact()
+            )
+            leaning = Leaning(self.equilibrium, both)
+            for kpa in dict.fromkeys([gives_way_kpa[place] for place in (-1, 0, len(gives_way_kpa) // 2)]):
+                found = leaning.lean(solver, displacements[parameters.index(kpa)], kpa, largest_mm)
+                farthest = max(farthest, found, key=lambda each: (not each.settled, each.mm))
+                if not found.settled:
+                    break
+        return farthest
+
+    def gives_way_kpa(self, parameters: list[float], displacements: list[Array]) -> list[float]:
+        """Pressures [kPa] at which equilibria (N, 3) [mm] that others found give way sideways; none if whole."""
+        if self.equilibrium.sideways is None:
+            return []
+        found = []
+        with closing(symmetric_solver()) as solver:
+            for kpa, displacement in zip(parameters, displacements, strict=True):
+                solver.factorise(self.equilibrium.sideways_stiffness(displacement, Load(1.0, 1e-3 * kpa)))
+                if solver.negative:
+                    found.append(kpa)
+        return found
+
+    def crossed_kpa(self, parameters: list[float], displacements: list[Array]) -> list[float]:
+        """Pressures [kPa] at which surfaces pass through each other at these displacements (N, 3) [mm]."""
+        states = zip(parameters, displacements, strict=True)
+        return [kpa for kpa, displacement in states if self.equilibrium.contact.penetrates(displacement)]
 
     def contact_report(self, history: History) -> dict[str, Any]:
         """Whether contact acted, the smallest gap [mm] (None: none near) and the pressures [kPa] with penetration."""
         contact, branch = self.equilibrium.contact, history.branch
         smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
-        states = zip(branch.parameters, branch.displacements, strict=True)
         return {
             "acted": contact.active and any(contact.near(displacement) for displacement in branch.displacements),
             "smallest_gap_mm": smallest if np.isfinite(smallest) else None,
-            "penetration_kpa": [kpa for kpa, displacement in states if contact.penetrates(displacement)],
+            "penetration_kpa": self.crossed_kpa(branch.parameters, branch.displacements),
         }
 
     def probe(self, face: Face) -> Callable[[Array], Array]:

@@ -34,6 +34,10 @@ class ReducedModel(Model):
     def size(self) -> dict[str, Any]:
         """How large the model is, for the provenance."""
 
+    def touches(self, state: Array, kpa: float) -> bool:
+        """Whether chambers touch each other at its unknowns (M, 3) and a pressure [kPa], as far as it knows."""
+        return False
+
     def doubts(self) -> list[str]:
         """Why this finger is none that the model is made for, in sentences."""
         return []
@@ -112,6 +116,13 @@ def simulate(
     )
     for sentence in (f"{caution} Compare with fem=solid if that matters.", *model.doubts()):
         _log.warning("%s", sentence)
+    touching = [kpa for kpa in [0.0, *pressures.tolist()] if model.touches(history.at(kpa), kpa)]
+    if touching:
+        _log.warning(
+            "Surfaces pass through each other at %.4g kPa and more, as fem=%s leaves contact out: choose fem=solid.",
+            touching[0],
+            describe(fem)["name"],
+        )
     if history.unstable_kpa:
         _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
     if not history.complete:

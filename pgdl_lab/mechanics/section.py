@@ -11,6 +11,7 @@ longer than the solid. So the share is a calibrated number.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from pgdl_lab.mechanics.material import Material
 from pgdl_lab.mechanics.plane_stress import PlaneStress
 from pgdl_lab.mechanics.profile import Region
 from pgdl_lab.mechanics.reduced import ReducedModel
+from pgdl_lab.mechanics.segments import Segment, cuts, meet, segments
 from pgdl_lab.mechanics.solid import Solid
 
 if TYPE_CHECKING:
@@ -95,6 +97,7 @@ class PlaneFinger(ReducedModel):
     def __init__(self, finger: ExtrudedFinger, edge_mm: float, state: PlaneState) -> None:
         from skfem import MeshQuad
 
+        self._finger, self._edge_mm = finger, edge_mm
         grid = finger.profile().refined(edge_mm)
         self.lattice = Lattice(grid)
         block = MeshQuad.init_tensor(grid.x, grid.z)
@@ -117,6 +120,16 @@ class PlaneFinger(ReducedModel):
     def observer(self, face: Face) -> Callable[[Array, float], Array]:
         matrix = self.lattice.interpolation(face.points)[:, self.nodes]
         return lambda displacement, _: matrix @ displacement[:, [0, 2]]
+
+    def touches(self, state: Array, kpa: float) -> bool:
+        """By the segments of the rod, free to bend: walls that bulge between side walls are none of a section."""
+        free = [np.linalg.solve(each.stiffness, each.air) for each in self._segments]
+        return meet(self._segments, 1e-3 * kpa * np.insert(free, 2, 1.0, axis=1))
+
+    @cached_property
+    def _segments(self) -> list[Segment]:
+        profile = self._finger.profile()
+        return segments(self._finger, cuts(profile), self._edge_mm, float(profile.z[[0, -1]].mean()))
 
     def size(self) -> dict[str, Any]:
         return {"elements": self.mesh.nelements, "nodes": len(self.nodes)}

@@ -17,6 +17,7 @@ a prismatic cavity has 1 − 2 ν times its area and first moment, since its wal
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ from pgdl_lab.mechanics.profile import Profile, Region
 from pgdl_lab.mechanics.solid import Solid
 
 Array = NDArray[np.float64]
+
+STIFFENING = 2.0  # gaps that walls bulge over by small strains before they meet: in truth they stiffen, and bulge less
 
 
 @dataclass(frozen=True)
@@ -50,12 +53,64 @@ class Segment:
     shapes
         (3, places, 2) displacement along x and z on the side face in excess of a rod's: per Γ [mm], per κ [mm²] and per
         pressure [mm/MPa]; 0 at the lower end of the left cut, and at places in gaps.
+    left, right
+        The walls that face the cuts.
     """
 
     stiffness: Array
     air: Array
     lattice: Lattice
     shapes: Array
+    left: "Wall"
+    right: "Wall"
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall across a gap from a cut, and how it bulges towards it.
+
+    Attributes
+    ----------
+    gap_mm
+        From the wall to the cut [mm]; infinite where there is no gap.
+    bulge
+        (3, n) of its nodes: per Γ [mm], per κ [mm²] and per pressure [mm/MPa].
+    """
+
+    gap_mm: float
+    bulge: Array
+
+    def bulge_mm(self, amplitudes: Array) -> float:
+        """How far it bulges at Γ [–], κ [1/mm] and a pressure [MPa] (3,), if it does not stiffen."""
+        return float((amplitudes @ self.bulge).max(initial=0.0))
+
+
+def meet(segments: list[Segment], amplitudes: Array) -> bool:
+    """Whether walls of neighbouring `segments` meet at Γ [–], κ [1/mm] and a pressure [MPa] of each (segments, 3)."""
+    return any(
+        one.right.bulge_mm(a) + other.left.bulge_mm(b) > STIFFENING * (one.right.gap_mm + other.left.gap_mm)
+        for (one, a), (other, b) in pairwise(zip(segments, amplitudes, strict=True))
+    )
+
+
+def walls(piece: Profile, body: Discretisation, fields: Array, axis_mm: float) -> tuple[Wall, Wall]:
+    """The walls that face the left and the right cut of a segment, by its `fields` (3, N, 3)."""
+    x, _, z = body.positions.T
+    found, length = [], piece.x[-1]
+    for column, side in ((0, -1), (-1, 1)):
+        open_above = piece.z[:-1][piece.regions[column] == Region.GAP].min(initial=np.inf)
+        high = z > open_above + 1e-9
+        if not high.any():
+            found.append(Wall(np.inf, np.zeros((3, 0))))
+            continue
+        place = side * float((side * x[high]).max())
+        wall = high & np.isclose(x, place)
+        moved = fields[:, wall, 0].copy()
+        if side > 0:  # the cut itself moves, in one plane
+            moved[0] -= length
+            moved[1] += length * (z[wall] - axis_mm)
+        found.append(Wall(length - place if side > 0 else place, side * moved))
+    return found[0], found[1]
 
 
 def columns(profile: Profile) -> Iterator[tuple[float, float, NDArray[np.int8]]]:
@@ -141,7 +196,8 @@ def solve(finger: ExtrudedFinger, piece: Profile, clamped: bool, edge_mm: float,
     stiffness = np.array([[2 / length * (u * forces(v)).sum() for u in fields[:2]] for v in fields[:2]])
     push = np.array([2 / length * (u * air).sum() for u in fields[:2]])
     push += opening(piece, finger.width_mm - 2 * finger.side_wall_mm, axis_mm)
-    return Segment(stiffness, push, *side_shapes(piece.refined(edge_mm, halvings), body, fields, axis_mm))
+    shapes = side_shapes(piece.refined(edge_mm, halvings), body, fields, axis_mm)
+    return Segment(stiffness, push, *shapes, *walls(piece, body, fields, axis_mm))
 
 
 def wall_forces(body: Discretisation) -> Array:

@@ -1,6 +1,8 @@
 """What can meet: the faces at one air each other, and half a body its mirror image; and what pushes them apart."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -12,6 +14,8 @@ from pgdl_lab.mechanics.skin import bulge, sampled
 from pgdl_lab.mechanics.through_air import shut_out_body
 
 if TYPE_CHECKING:
+    from typing import Self
+
     import ipctk
     from scipy.sparse import csr_matrix
 
@@ -114,6 +118,19 @@ class Pairs(ABC):
         if found.empty():
             return np.inf
         return float(found.compute_minimum_distance(self._mesh, vertices)) ** 0.5 / self._part
+
+    def carried(self, interpolation: "Callable[[Array], csr_matrix]") -> "Self":
+        """The same pairs, moved by other nodes: `interpolation` (V, M) from theirs to undeformed places (V, 3) [mm].
+
+        Only what pushes them apart is carried over: `response` and `free_step`.
+        """
+        import ipctk
+
+        result, mesh, at = copy(self), self._mesh, np.asfortranarray(self._mesh.rest_positions)
+        result._mesh = ipctk.CollisionMesh(at, mesh.edges, mesh.faces, interpolation(at).tocsc())
+        result._mesh.vertex_areas, result._mesh.planes = mesh.vertex_areas, mesh.planes
+        result._mesh.can_collide = mesh.can_collide
+        return result
 
     @abstractmethod
     def passes(self, start: Array, end: Array) -> bool:

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,6 +72,9 @@ class Calculix(Fem):
         course = run(model, finger, pressures_kpa, self.tolerance, self.timeout_s)
         probe = model.probe(face)
         observed = course.displacements[1:]
+        equilibria, found = course.pressures_kpa.tolist(), list(course.displacements)
+        gives_way = model.gives_way_kpa(equilibria, found)
+        lean, crossed = model.lean(equilibria, found, gives_way), model.crossed_kpa(equilibria, found)
         snapshots = Snapshots(
             points=face.points,
             triangles=face.triangles,
@@ -80,8 +83,22 @@ class Calculix(Fem):
             pressures_kpa=course.pressures_kpa[1:],
             displacements=np.array([probe(displacement) for displacement in observed]).reshape(-1, len(face.points), 2),
             body=Body(*model.cells(), course.pressures_kpa, course.displacements),
-            provenance=self._provenance(finger, model, course) | {"seconds": time.perf_counter() - began},
+            provenance=self._provenance(finger, model, course)
+            | {
+                "sideways_unstable_kpa": gives_way,
+                "sideways_lean": None if lean is None else asdict(lean),
+                "penetration_kpa": crossed,
+                "seconds": time.perf_counter() - began,
+            },
         )
+        if lean is not None and lean.counts:
+            _log.warning("%s", lean.told(gives_way, len(equilibria), finger))
+        if crossed:
+            _log.warning(
+                "Surfaces pass through each other at %.4g kPa and more, as fem=calculix leaves contact out: choose "
+                "fem=solid.",
+                crossed[0],
+            )
         _log.warning(
             "The discretisation error of fem=calculix is not estimated; on a mesh of 3 mm its element is some 10 %% "
             "off: %s and compare, or choose fem=solid.",

@@ -88,6 +88,7 @@ class Solid(Fem):
         history = model.load(pressures, self.newton_mm, self.interpolation_mm)
         pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
         probe = model.probe(face)
+        lean = model.lean(history.branch.parameters, history.branch.displacements, history.sideways_unstable_kpa)
         snapshots = Snapshots(
             points=face.points,
             triangles=face.triangles,
@@ -96,22 +97,18 @@ class Solid(Fem):
             pressures_kpa=pressures,
             displacements=np.array([probe(history.at(kpa)) for kpa in pressures]).reshape(-1, len(face.points), 2),
             body=Body(*model.cells(), np.array(history.branch.parameters), np.array(history.branch.displacements)),
-            provenance=self._provenance(finger, model, history) | {"seconds": time.perf_counter() - began},
+            provenance=self._provenance(finger, model, history)
+            | {"sideways_lean": None if lean is None else asdict(lean), "seconds": time.perf_counter() - began},
         )
         if history.unstable_kpa:
             _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
-        if sideways := history.sideways_unstable_kpa:
-            _log.warning(
-                "At %.4g kPa and %d other pressures of %d the finger gives way sideways, which half a finger cannot "
-                "show: simulate the whole one, %s.",
-                sideways[0],
-                len(sideways) - 1,
-                len(history.branch.parameters),
-                finger.whole(),
-            )
+        if lean is not None and lean.counts:
+            _log.warning("%s", lean.told(history.sideways_unstable_kpa, len(history.branch.parameters), finger))
         if crossed := snapshots.provenance["contact"]["penetration_kpa"]:
             _log.warning(
-                "Surfaces pass through each other at %.4g kPa and more: %s.", crossed[0], PREVENT[self.contact]
+                "Surfaces pass through each other at %.4g kPa and more: %s.",
+                crossed[0],
+                PREVENT["on" if model.equilibrium.contact.active else self.contact],
             )
         if not history.complete:
             raise SimulationStopped(

@@ -271,3 +271,15 @@ class TestAgainstTheSolid:
         assert told["cpu_seconds"] > 0 and told["versions"]["calculix"] != "unknown"
         np.testing.assert_allclose(np.array(told["reaction_n"])[[0, 2]], -np.array(told["load_n"])[[0, 2]], atol=1e-4)
         assert told["reached_kpa"] == 20
+
+
+@needs_ccx
+def test_a_finger_that_leans_over_is_named(caplog: pytest.LogCaptureFixture) -> None:
+    """Half a finger cannot show it, in CalculiX as little as in the solid."""
+    slender = {"chambers": 2, "width_mm": 4.0, "side_wall_mm": 1.0, "height_mm": 30.0, "base_mm": 12.0, "max_kpa": 0.5}
+    found = calculix(edge_mm=12.0).simulate(pneunet(**slender, gravity_m_s2=[0.0, -400.0]), Observation(1, 200))
+    assert "gives way sideways, by at least" in caplog.text
+    assert found.provenance["sideways_unstable_kpa"] == [0.0, 0.5] and not found.provenance["sideways_lean"]["settled"]
+    caplog.clear()
+    calculix(edge_mm=12.0).simulate(pneunet(max_kpa=0.5), Observation(1, 200))
+    assert "sideways" not in caplog.text and "pass through" not in caplog.text

@@ -10,6 +10,7 @@ from pgdl_lab import registry
 from pgdl_lab.errors import InputError
 from pgdl_lab.fem import Fem, SimulationStopped
 from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.finger_rod import FingerRod
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.section import STATES, PlaneFinger
 from pgdl_lab.snapshots import Observation, Snapshots
@@ -63,6 +64,31 @@ def test_rod_warns_of_fingers_that_are_short(chambers: int, told: str, caplog: p
     )
     short = [message for message in caplog.messages if "short for fem=rod" in message]
     assert len(short) == bool(told) and all(told in message for message in short)
+
+
+@pytest.mark.parametrize("name", ["rod", "section"])
+def test_chambers_that_would_meet_are_named(name: str, caplog: pytest.LogCaptureFixture) -> None:
+    """Contact is left out: thin walls a little apart meet, thick ones far apart do not."""
+    thin = {"wall_mm": 1.5, "side_wall_mm": 1.5, "gap_mm": 0.3, "max_kpa": 15.0}
+    for fields, meets in ((thin, True), ({}, False)):
+        caplog.clear()
+        rung(name, edge_mm=6.0, interpolation_mm=1.0).simulate(pneunet(**fields), Observation(2, 200))
+        assert (f"Surfaces pass through each other at 7.5 kPa and more, as fem={name} leaves" in caplog.text) == meets
+
+
+def test_walls_of_segments_bulge_as_those_of_the_solid() -> None:
+    """Under a little pressure, the gap between two chambers closes by the same."""
+    body = pneunet(wall_mm=1.5, max_kpa=0.5, gravity_m_s2=[0.0, 0.0])
+    result = solid(element="hex27_p1", edge_mm=3.0, interpolation_mm=1.0).simulate(body, Observation(1, 200)).body
+    assert result is not None
+    x, y, z = result.positions.T
+    facing = [np.flatnonzero(np.isclose(x, place) & (z > 8.01)) for place in (10.5, 11.5)]
+    moved = [result.displacements[-1, nodes[np.lexsort((z[nodes], y[nodes]))], 0] for nodes in facing]
+    rod = FingerRod(body, 3.0, 1.0)
+    state = rod.load(np.array([0.5]), 1e-6, 1e-3).at(0.5)
+    one, other = rod.amplitudes(state, 0.5)
+    closing = rod.segments[0].right.bulge_mm(one) + rod.segments[1].left.bulge_mm(other)
+    assert closing == pytest.approx((moved[0] - moved[1]).max(), rel=0.05)
 
 
 def test_rod_of_two_segments_is_off_under_a_little_weight() -> None:
