@@ -249,7 +249,7 @@ class Surrogate(ABC):
 
     @cached_property
     def _inverse(self) -> Inverse:
-        return Inverse(self)
+        return Inverse(self.face, self.probe, self.trained_kpa()[0], self.ranges["pressure_kpa"][1])
 
     def trained_kpa(self) -> tuple[float, float]:
         """Least and greatest pressure that count as trained [kPa]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from pgdl_lab.errors import InputError
 
 if TYPE_CHECKING:
     from pgdl_lab.deploy.probe import Probe
-    from pgdl_lab.surrogate import Surrogate
+    from pgdl_lab.record import Face
 
 Floats = NDArray[np.float64]
 
@@ -168,15 +168,18 @@ class Inverse:
 
     Parameters
     ----------
-    surrogate
-        The surrogate; it knows its face.
+    face
+        The surrogate's face.
+    probe
+        The surrogate at points (N, 2) [mm].
+    low_kpa, high_kpa
+        Pressures between which it is sought [kPa].
     """
 
-    def __init__(self, surrogate: Surrogate) -> None:
-        points, base = surrogate.face.mesh.points_mm, surrogate.face.base
-        low, high = surrogate.trained_kpa()[0], surrogate.ranges["pressure_kpa"][1]
-        self.tip = Tip(surrogate.probe(points[base[-1:]]), points[base[-1]], low, high)
-        self.curvature = Curvature(surrogate.probe(points[base]), points[base], low, high)
+    def __init__(self, face: Face, probe: Callable[[Floats], Probe], low_kpa: float, high_kpa: float) -> None:
+        points, base = face.mesh.points_mm, face.base
+        self.tip = Tip(probe(points[base[-1:]]), points[base[-1]], low_kpa, high_kpa)
+        self.curvature = Curvature(probe(points[base]), points[base], low_kpa, high_kpa)
 
     def pressure_for(
         self, tip: Sequence[float | None] | None, curvature: float | None, tolerance: float | None

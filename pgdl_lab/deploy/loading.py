@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,22 @@ from numpy.typing import NDArray
 
 from pgdl_lab.deploy.archive import read, reason
 from pgdl_lab.deploy.face_mesh import FaceMesh
+from pgdl_lab.deploy.network import NetworkSurrogate
 from pgdl_lab.deploy.shapes import FLOATS, INDICES, Shapes, require
 from pgdl_lab.errors import InputError
+from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+from pgdl_lab.learning.process_surrogate import ProcessSurrogate
 from pgdl_lab.record import Face, Record
 from pgdl_lab.surrogate import FORMAT, VERSION, Surrogate
 
 TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `FaceMesh.cells` that are allowed; fingers have 10 per triangle
+
+PLAIN: dict[str, Callable[[Mapping[str, Any], Record, Mapping[str, NDArray[Any]]], Surrogate]] = {
+    "nodal": NodalSurrogate,
+    "process": ProcessSurrogate,
+    "network": NetworkSurrogate,
+}
+"""Surrogates that NumPy alone evaluates, by the "kind" of their file."""
 
 FACE: Shapes = {"points_mm": (FLOATS, "N", 2), "triangles": (INDICES, "T", 3), "base": (INDICES, "B")}
 
@@ -72,9 +82,8 @@ def load(path: str | Path, outside: str = "warn") -> Surrogate:
 def _restored(path: Path, content: Mapping[str, Any]) -> Surrogate:
     face = _face(content["face"]) if content["face"] else None
     if "kind" in content:
-        from pgdl_lab.deploy import numpy_form
-
-        return numpy_form.restored(content, face)
+        record = Record(content["ranges"], content["provenance"], face=face)
+        return PLAIN[content["kind"]](content["model"], record, content["state"])
     from omegaconf import OmegaConf
 
     from pgdl_lab.paths import OWN_PLUGINS

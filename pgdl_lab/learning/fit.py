@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import logging
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Protocol
 
 import lightning.pytorch as pl
 import numpy as np
@@ -16,20 +17,30 @@ import torch
 from pgdl_lab.errors import InputError
 from pgdl_lab.learning.callbacks import Checkpoint, ProgressBar
 from pgdl_lab.learning.clock import Clock
-from pgdl_lab.learning.data import Training
+from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.threads import threads
+from pgdl_lab.loss import Loss
 from pgdl_lab.record import Record
 from pgdl_lab.registry import describe
 from pgdl_lab.surrogate import Surrogate
 
-if TYPE_CHECKING:
-    from pgdl_lab.learning.neural import TrainedModel
+
+class Trainable(Protocol):
+    """What a training asks of a model; see `TrainedModel`."""
+
+    optimizer: ClassVar[str]
+
+    @property
+    def patience(self) -> int | None: ...
+    def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]: ...
+    def begin(self, training: Training) -> tuple[Field, Samples]: ...
+    def finished(self, field: Any, record: Record, training: Training) -> Surrogate: ...
 
 
-def fit(model: TrainedModel, training: Training) -> Surrogate:
+def fit(model: Trainable, training: Training) -> Surrogate:
     """Train `model`, resuming from `<folder>/checkpoints/last.ckpt` if it lies there.
 
     Raises
@@ -55,7 +66,7 @@ def fit(model: TrainedModel, training: Training) -> Surrogate:
         return surrogate()
 
 
-def trained_field(model: TrainedModel, training: Training) -> Field:
+def trained_field(model: Trainable, training: Training) -> Field:
     """The trained field alone.
 
     Raises
@@ -68,7 +79,7 @@ def trained_field(model: TrainedModel, training: Training) -> Field:
     return module.objective.field
 
 
-def _prepared(model: TrainedModel, training: Training) -> TrainingModule:
+def _prepared(model: Trainable, training: Training) -> TrainingModule:
     """What is trained, as it begins or as its checkpoint left it."""
     model.left_out(training.losses)
     if not training.optimizer.stages:
@@ -124,7 +135,7 @@ def _trainer(training: Training, checkpoint: Checkpoint) -> pl.Trainer:
     )
 
 
-def _identity(model: TrainedModel, training: Training) -> dict[str, Any]:
+def _identity(model: Trainable, training: Training) -> dict[str, Any]:
     """What a training must agree on with a checkpoint that it resumes from; budgets may differ."""
     data = hashlib.sha256()
     for samples in (training.samples, training.held):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.learning.calibration import FEWEST, TOO_FEW, Held
 from pgdl_lab.learning.data import Training
-from pgdl_lab.learning.fit import trained_field
+from pgdl_lab.learning.fit import Trainable, trained_field
 from pgdl_lab.learning.gaps import BLOCKS, Excess, Gap
 from pgdl_lab.learning.last_layer import LastLayer
 from pgdl_lab.learning.module import TrainingDiverged
@@ -22,7 +22,6 @@ from pgdl_lab.learning.neural_surrogate import last_layer, ridge_of, scores_mm
 
 if TYPE_CHECKING:
     from pgdl_lab.learning.field import ReadOutField
-    from pgdl_lab.learning.neural import TrainedModel
 
 _log = logging.getLogger(__name__)
 
@@ -30,7 +29,7 @@ PARTS = 5
 FEW = 10 * FEWEST  # of fewer points a tenth is too few to calibrate error bars on
 
 
-def bars_left_out(model: TrainedModel, training: Training, field: ReadOutField, spent_s: float) -> LastLayer | None:
+def bars_left_out(model: Trainable, training: Training, field: ReadOutField, spent_s: float) -> LastLayer | None:
     """Error bars of a trained field, from networks that were trained without parts of the points where that is needed.
 
     It is needed where points set aside are too few, or cannot tell how the field errs: in a stretch of the body that
@@ -70,7 +69,7 @@ def bars_left_out(model: TrainedModel, training: Training, field: ReadOutField, 
     return None if stretch is None else replace(bars, stretch=stretch)
 
 
-def scores_left_out(model: TrainedModel, training: Training, field: Any, folder: Path) -> NDArray[np.float64] | None:
+def scores_left_out(model: Trainable, training: Training, field: Any, folder: Path) -> NDArray[np.float64] | None:
     """Scores (n, 2) [mm], see `scores_mm`, at all points of a training, of networks that were trained without each."""
     whole = training.whole
     count = len(whole.pressures_kpa)
@@ -82,7 +81,7 @@ def scores_left_out(model: TrainedModel, training: Training, field: Any, folder:
     return scores if np.isfinite(scores).all() else None
 
 
-def _excess(model: TrainedModel, training: Training, field: Any, bars: LastLayer, folder: Path) -> Excess:
+def _excess(model: Trainable, training: Training, field: Any, bars: LastLayer, folder: Path) -> Excess:
     rho, numbers = ridge_of(field, training.samples), itertools.count()
 
     def excess(held: Held, judged: Held) -> NDArray[np.float64]:
@@ -93,7 +92,7 @@ def _excess(model: TrainedModel, training: Training, field: Any, bars: LastLayer
 
 
 def _scores_without(
-    model: TrainedModel, training: Training, out: Held, judged: Held, rho: float, folder: Path
+    model: Trainable, training: Training, out: Held, judged: Held, rho: float, folder: Path
 ) -> NDArray[np.float64]:
     """Scores (m, 2) [mm] of a network that is trained without the points `out` (n,), at the `judged` (n,)."""
     whole = training.whole

@@ -1,0 +1,45 @@
+"""Fewer modes for a surrogate that is as good."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pgdl_lab.deploy.limits import BEYOND
+from pgdl_lab.learning.calibration import NORMAL
+from pgdl_lab.learning.separable import chebyshev
+
+LEFT_OUT = 0.1  # a tenth of the error adds half a per cent to it
+
+
+def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The state of a `NodalSurrogate` with no more modes than tell its field apart from what is not known of it.
+
+    The modes are those of a singular value decomposition over all nodes and all pressures up to `BEYOND` times the
+    highest trained one: of as many modes no others come closer to the field. What is left out is at most the noise,
+    which every error bar holds, and at most `LEFT_OUT` of the posterior's standard deviation within the trained
+    pressures, all as root mean squares.
+    """
+    amplitudes, modes, spread, range_kpa = (
+        state[name].numpy() for name in ("amplitudes", "modes", "spread", "range_kpa")
+    )
+    coefficients = np.einsum("dk,nkc->dnc", amplitudes, modes).reshape(len(amplitudes), -1)
+    pressures_kpa = np.linspace(0.0, BEYOND * range_kpa[1], 10 * len(amplitudes))
+    polynomials = chebyshev(pressures_kpa, range_kpa, len(amplitudes) - 1)
+    roots = spread.transpose(1, 0, 2).reshape(len(amplitudes), -1)
+    known = polynomials[pressures_kpa <= range_kpa[1]] @ roots
+    deviation_mm = np.sqrt((known.astype(float) ** 2).sum() / len(known) / len(modes))
+    _, root = np.linalg.qr(polynomials)
+    left, sizes, right = np.linalg.svd(root @ coefficients, full_matrices=False)
+    rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(pressures_kpa) / coefficients.shape[1])  # from each on
+    # what bars make of the standard deviations
+    scale = min(1.0, float(state["bar_deviations"].min()) / NORMAL) if "bar_deviations" in state else 1.0
+    most_mm = scale * min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
+    count = max(1, int((rest_mm > most_mm).sum()))
+    size = np.sqrt(coefficients.shape[1])  # modes of unit root mean square: the amplitudes carry the unit
+    kept = size * right[:count].reshape(count, -1, 2).transpose(1, 0, 2)
+    amplitudes_mm = np.linalg.solve(root, left[:, :count] * sizes[:count]) / size
+    return {**state, "modes": torch.from_numpy(kept.copy()), "amplitudes": torch.from_numpy(amplitudes_mm.copy())}
