@@ -16,10 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths
-from pgdl_lab.composing import experiment
-from pgdl_lab.learning.data import Samples, Scene, Training
-from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.core import paths
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import experiment
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 FINGERS, SPLITS, FINER, NEAR = ("pneunet", "joints", "bellows"), ("random", "extrapolate"), 4, 0.98
 

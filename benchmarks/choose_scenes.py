@@ -5,10 +5,10 @@
     python benchmarks/choose_scenes.py --only-found          # the table of what there is
 
 The three fingers at tolerances of 1, 0.1 and 0.01 mm, and altered fingers. References are extrapolated from two meshes
-(`pgdl_lab.chart.reference`), the finer one no coarser than what was chosen; errors are the largest of any observed
-point at five pressures. A promise is kept when the error is within the tolerance, or within it but for what the
-reference itself may err by (then it says so); a refusal is no promise. Brute force is what the climb looked at and the
-finer meshes besides; trainings that the climb did not need are not counted against it.
+(`pgdl_lab.studies.chart.reference`), the finer one no coarser than what was chosen; errors are the largest of any
+observed point at five pressures. A promise is kept when the error is within the tolerance, or within it but for what
+the reference itself may err by (then it says so); a refusal is no promise. Brute force is what the climb looked at and
+the finer meshes besides; trainings that the climb did not need are not counted against it.
 Each scene is stored under runs/choose_scenes as soon as it is done, and not repeated.
 """
 
@@ -24,17 +24,17 @@ from omegaconf import OmegaConf
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import paths
-from pgdl_lab.cache import simulate
-from pgdl_lab.chart.reference import Reference, find_reference
-from pgdl_lab.choosing.choice import Choice
-from pgdl_lab.choosing.climb import largest
-from pgdl_lab.choosing.settings import ChooseSettings
-from pgdl_lab.composing import experiment
-from pgdl_lab.experiment import Experiment
-from pgdl_lab.files import replacing
-from pgdl_lab.registry import describe, plugin
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.core import paths
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import describe, plugin
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.running.cache import simulate
+from pgdl_lab.running.composing import experiment
+from pgdl_lab.running.experiment import Experiment
+from pgdl_lab.studies.chart.reference import Reference, find_reference
+from pgdl_lab.studies.choosing.choice import Choice
+from pgdl_lab.studies.choosing.climb import largest
+from pgdl_lab.studies.choosing.settings import ChooseSettings
 from pgdl_lab.tasks.choose import choose
 
 STORE = paths.RUNS / "choose_scenes"

@@ -26,14 +26,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths, registry
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.latency import latency_ms
-from pgdl_lab.composing import experiment
-from pgdl_lab.errors import LabError
-from pgdl_lab.experiment import Experiment
-from pgdl_lab.files import replacing
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core import paths, registry
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.core.files import replacing
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import experiment
+from pgdl_lab.running.experiment import Experiment
 
 FINGERS, SPLITS, SEEDS = ("pneunet", "joints", "bellows"), ("random", "extrapolate", "snapshots"), (0, 1, 2)
 PAPER, DEFAULT, NETWORK = "paper", "hybrid", "body"

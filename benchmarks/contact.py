@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import registry
-from pgdl_lab.composing import experiment
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.skin import sampled, skin
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.running.composing import experiment
 
 Array = NDArray[np.float64]
 

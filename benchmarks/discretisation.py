@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths, registry
-from pgdl_lab.composing import experiment
-from pgdl_lab.files import replacing
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.core import paths, registry
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import experiment
 
 FINGERS = ("joints", "bellows", "pneunet", "pneunet_reference")
 FIGURE = paths.ROOT / "docs" / "figures" / "discretisation.png"

@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import paths
-from pgdl_lab.composing import experiment
-from pgdl_lab.files import replacing
-from pgdl_lab.finger import ExtrudedFinger, Finger
+from pgdl_lab.core import paths
+from pgdl_lab.core.files import replacing
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.extrude import extrude
+from pgdl_lab.mechanics.finger import ExtrudedFinger, Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.profile import Profile
+from pgdl_lab.running.composing import experiment
 
 if TYPE_CHECKING:
     from skfem import Mesh

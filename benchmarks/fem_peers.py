@@ -16,14 +16,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import registry
-from pgdl_lab.composing import experiment
-from pgdl_lab.errors import LabError
-from pgdl_lab.fem import Fem, SimulationStopped
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics import calculix  # noqa: F401 (imported, with all it needs, before any time is taken)
 from pgdl_lab.mechanics.calculix_program import program, version
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.finger import Finger
+from pgdl_lab.running.composing import experiment
 
 console = Console(width=100)
 

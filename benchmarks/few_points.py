@@ -23,15 +23,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths
-from pgdl_lab.composing import experiment
-from pgdl_lab.experiment import Experiment
-from pgdl_lab.files import replacing
-from pgdl_lab.learning.data import Samples, Scene, Training
-from pgdl_lab.record import Record
-from pgdl_lab.registry import describe, plugin
-from pgdl_lab.snapshots import Snapshots
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.core import paths
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import describe, plugin
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import experiment
+from pgdl_lab.running.experiment import Experiment
+from pgdl_lab.surrogate.record import Record
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 FINGERS, MODELS = ("pneunet", "joints", "bellows"), ("pod", "guided", "hybrid")
 BELOW = 0.88  # of the highest pressure: 44 of 50 kPa

@@ -15,11 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pgdl_lab import cache, paths
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core import paths
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.running import cache
 
 
 def main() -> None:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import paths
 from pgdl_lab.assessment.figures import STYLE
 from pgdl_lab.assessment.paper import published
-from pgdl_lab.cache import simulate
-from pgdl_lab.composing import experiment
-from pgdl_lab.errors import LabError
-from pgdl_lab.snapshots import Body, Snapshots
+from pgdl_lab.core import paths
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.core.snapshots import Body, Snapshots
+from pgdl_lab.running.cache import simulate
+from pgdl_lab.running.composing import experiment
 
 TITLES = {"pneunet": "PneuNets finger", "joints": "Finger with local bending joints", "bellows": "Bellows finger"}
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "fingers.png"

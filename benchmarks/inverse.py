@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from pgdl_lab import cache, composing, paths
-from pgdl_lab.assessment.curvature import mean_curvature_per_m
-from pgdl_lab.experiment import Experiment, restore
-from pgdl_lab.folders import stored_run, stored_surrogate
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.core import paths
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.running import cache, composing
+from pgdl_lab.running.experiment import Experiment, restore
+from pgdl_lab.running.folders import stored_run, stored_surrogate
+from pgdl_lab.surrogate.curvature import mean_curvature_per_m
 
 Floats = NDArray[np.float64]
 

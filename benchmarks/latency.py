@@ -24,13 +24,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab import cache, paths
-from pgdl_lab.composing import experiment
-from pgdl_lab.deploy.export import Form, Predict, export, read_onnx
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core import paths
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.export.export import Form, Predict, export, read_onnx
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.threads import threads
-from pgdl_lab.snapshots import Snapshots
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import experiment
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 MODELS = {
     "hybrid": ["model=hybrid"],

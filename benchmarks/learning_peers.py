@@ -30,11 +30,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pgdl_lab import cache, paths
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core import paths
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.running import cache
 
 Floats = NDArray[np.float64]
 DEPTH, WIDTH, BATCH, RATE = 8, 100, 512, 1e-3

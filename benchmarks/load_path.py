@@ -15,12 +15,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import registry
-from pgdl_lab.composing import experiment
+from pgdl_lab.core import registry
+from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.newton import solve
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.running.composing import experiment
 
 SUB_STEPS = 100
 EXACT = 1e-2  # of the tolerance of the path

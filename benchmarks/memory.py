@@ -16,12 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import registry
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
 from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.discretisation_error import estimate, refined
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.memory import GB, Size
 

@@ -20,12 +20,12 @@ from rich.console import Console
 from rich.table import Table
 from skfem.helpers import ddot
 
-from pgdl_lab.composing import experiment
-from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.material import FirstInvariantMaterial
+from pgdl_lab.running.composing import experiment
 
 LOAD = Load(1.0, 0.0)
 

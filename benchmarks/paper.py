@@ -11,8 +11,8 @@ import subprocess
 import sys
 from typing import Any
 
-from pgdl_lab import paths
 from pgdl_lab.assessment.paper import PUBLISHED, published
+from pgdl_lab.core import paths
 
 Metrics = dict[str, Any]
 

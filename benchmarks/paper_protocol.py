@@ -23,15 +23,17 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pgdl_lab import cache, paths
-from pgdl_lab.files import replacing
-from pgdl_lab.learning.data import Samples, Scene
+from pgdl_lab.core import paths
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.jet import Affine
 from pgdl_lab.learning.layers import fully_connected
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.threads import threads
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.running import cache
 
 DATA = paths.ROOT / "docs" / "data"
 FIGURE = paths.ROOT / "docs" / "figures" / "paper_protocol.png"

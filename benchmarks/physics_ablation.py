@@ -25,14 +25,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths, registry
 from pgdl_lab.assessment.residuals import residuals
+from pgdl_lab.core import paths, registry
+from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.learning import left_out
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.module import TrainingDiverged
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.loss import Loss
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.running import cache
 
 CHAMBERS, OBSERVATION = 4, Observation(snapshots=50, points=1000)
 STEPS, BATCH = 500, 128

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.physics_ablation import CHAMBERS, STEPS, TERMS, WORTHS_MM, Case, setting, train
-from pgdl_lab import paths
+from pgdl_lab.core import paths
 from pgdl_lab.learning import left_out
 
 SEEDS, SHARES = range(3), (0.01, 0.002)

@@ -19,12 +19,14 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths, registry
-from pgdl_lab.learning.data import Samples, Scene
+from pgdl_lab.core import paths, registry
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.separable import RIDGE, SeparableRegression
-from pgdl_lab.learning.triangulation import Triangulation
 from pgdl_lab.mechanics.linear import symmetric_solver
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.running import cache
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 Floats = NDArray[np.float64]
 Errors = dict[tuple[str, float, str, float, float], list[tuple[float, float]]]

@@ -13,12 +13,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths
-from pgdl_lab.chart.bench import Bench
-from pgdl_lab.chart.reference import Errors
-from pgdl_lab.composing import composed
-from pgdl_lab.experiment import Experiment
-from pgdl_lab.registry import plugin
+from pgdl_lab.core import paths
+from pgdl_lab.core.registry import plugin
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import composed
+from pgdl_lab.running.experiment import Experiment
+from pgdl_lab.studies.chart.bench import Bench
+from pgdl_lab.studies.chart.reference import Errors
 from pgdl_lab.tasks.chart import chart_settings
 
 

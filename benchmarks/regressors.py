@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from sklearn.ensemble import ExtraTreesRegressor
 
-from pgdl_lab import paths
-from pgdl_lab.cache import simulate
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core import paths
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.running.cache import simulate
 
 Floats = NDArray[np.float64]
 Rule = Callable[[Training, Snapshots], Floats]
@@ -39,7 +40,7 @@ def _plane(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Float
 
 def _body(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
     """The same with the body's Laplace eigenfunctions in place of x and z, the slow ones weighing more."""
-    from pgdl_lab.learning.triangulation import Triangulation
+    from pgdl_lab.surrogate.triangulation import Triangulation
 
     body = Triangulation(snapshots.points, snapshots.triangles)
     modes, values = body.modes(MODES)

@@ -15,10 +15,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths, registry
-from pgdl_lab.composing import experiment
-from pgdl_lab.fem import Fem
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.core import paths, registry
+from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import experiment
 
 FINGERS = ("pneunet", "pneunet_reference", "joints", "bellows")
 RUNGS: dict[str, tuple[str, dict[str, Any]]] = {

@@ -13,11 +13,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import registry
-from pgdl_lab.composing import experiment
-from pgdl_lab.fem import Fem
+from pgdl_lab.core import registry
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.segments import cuts
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.running.composing import experiment
 
 LOADS: dict[str, tuple[str, str]] = {
     "pressure": ("finger.gravity_m_s2=[0.0,0.0]", "finger.max_kpa=0.1"),

@@ -73,7 +73,8 @@ def whole(trials: int) -> tuple[list[float], float]:
     """Seconds of each trial of the whole program, and those of its start and end."""
     import optuna
 
-    from pgdl_lab import cli, paths, tasks
+    from pgdl_lab import cli, tasks
+    from pgdl_lab.core import paths
     from pgdl_lab.search.storage import open_storage
     from pgdl_lab.tasks import Job
 

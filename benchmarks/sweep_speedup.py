@@ -24,7 +24,7 @@ from optuna.trial import TrialState
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import paths
+from pgdl_lab.core import paths
 from pgdl_lab.search.storage import open_storage
 from tests import postgres
 

@@ -33,7 +33,8 @@ def fill(trials: int) -> tuple[str, str, list[str], float]:
     """Experiment, parent run and children of a study of empty trials, and seconds per trial."""
     from mlflow.entities import Metric, Param
 
-    from pgdl_lab import folders, mlflow_server, paths, tracking
+    from pgdl_lab.core import paths
+    from pgdl_lab.running import folders, mlflow_server, tracking
 
     folder = paths.RUNS / "study"
     folder.mkdir(parents=True)

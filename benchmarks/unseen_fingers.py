@@ -23,12 +23,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab import cache, paths, registry
 from pgdl_lab.assessment.comparison import Comparison
-from pgdl_lab.composing import experiment
-from pgdl_lab.experiment import Experiment
-from pgdl_lab.files import replacing
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core import paths, registry
+from pgdl_lab.core.files import replacing
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
+from pgdl_lab.running import cache
+from pgdl_lab.running.composing import experiment
+from pgdl_lab.running.experiment import Experiment
 
 FINGERS = {
     "pneunet, 6 chambers, walls of 2.2 mm": ["finger=pneunet", "finger.chambers=6", "finger.wall_mm=2.2"],

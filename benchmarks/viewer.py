@@ -16,8 +16,8 @@ import numpy as np
 from PIL import Image
 from selenium.webdriver import Chrome
 
-from pgdl_lab.folders import stored_run
-from tests.deploy.browser import browser
+from pgdl_lab.running.folders import stored_run
+from tests.surrogate.browser import browser
 
 SCREENS = {"desktop": (1280, 720, 1), "phone": (390, 844, 2)}  # width and height in CSS pixels, and dots in each
 LINE = "{:<9} {:<7} {:>10} {:>17} {:>19}"

@@ -23,10 +23,11 @@ from scipy.interpolate import CubicSpline
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-from pgdl_lab import cache, composing, paths
-from pgdl_lab.experiment import Experiment, restore
-from pgdl_lab.folders import stored_run, stored_surrogate
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.core import paths
+from pgdl_lab.running import cache, composing
+from pgdl_lab.running.experiment import Experiment, restore
+from pgdl_lab.running.folders import stored_run, stored_surrogate
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 

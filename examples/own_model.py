@@ -10,13 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 import pgdl_lab as lab
-from pgdl_lab.deploy.probe import Probe
-from pgdl_lab.model import Model
-from pgdl_lab.registry import describe
-from pgdl_lab.surrogate import Record, Surrogate
+from pgdl_lab.core.registry import describe
 
 
-class Lines(Surrogate):
+class Lines(lab.Surrogate):
     """The nearest training point's displacement, in proportion to the pressure."""
 
     def __init__(self, model, record, state):
@@ -32,7 +29,7 @@ class Lines(Surrogate):
 
 
 @dataclass
-class Line(Probe):
+class Line(lab.Probe):
     """Fixed points (N, 2) that move in proportion to the pressure."""
 
     slopes: np.ndarray  # [mm/kPa]
@@ -43,13 +40,13 @@ class Line(Probe):
 
 @lab.register("model", "lines")
 @dataclass(frozen=True)
-class LinesModel(Model):
+class LinesModel(lab.Model):
     """A straight line through the origin for each training point."""
 
     def fit(self, training):
         samples = training.whole
         state = {"points": samples.points_mm, "slopes": samples.displacements_mm / samples.pressures_kpa[:, None]}
-        return self.restore(state, Record(samples.ranges(), dict(training.provenance), face=training.scene.face))
+        return self.restore(state, lab.Record(samples.ranges(), dict(training.provenance), face=training.scene.face))
 
     def restore(self, state, record):
         return Lines(describe(self), record, state)

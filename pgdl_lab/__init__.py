@@ -26,20 +26,31 @@ except PackageNotFoundError:  # run from a checkout that is not installed
     __version__ = "0+checkout"
 
 _HOMES = {
-    "InputError": "errors",
-    "LabError": "errors",
     "BalancingSettings": "learning.balancing",
-    "Observation": "snapshots",
+    "ExtrudedFinger": "mechanics.finger",
+    "Fem": "mechanics.fem",
+    "Finger": "mechanics.finger",
+    "InputError": "core.errors",
+    "LabError": "core.errors",
+    "Loss": "learning.loss",
+    "Material": "mechanics.material",
+    "Model": "learning.model",
+    "Observation": "core.snapshots",
     "OptimizerSettings": "learning.settings",
-    "Outside": "surrogate",
-    "SimulationStopped": "fem",
-    "Snapshots": "snapshots",
-    "Surrogate": "surrogate",
-    "TooFar": "surrogate",
+    "Outside": "surrogate.surrogate",
+    "PhysicsLoss": "learning.loss",
+    "SimulationStopped": "mechanics.fem",
+    "Snapshots": "core.snapshots",
+    "Probe": "surrogate.probe",
+    "Record": "surrogate.record",
+    "Split": "core.split",
+    "Surrogate": "surrogate.surrogate",
+    "TooFar": "surrogate.surrogate",
     "TrainerSettings": "learning.settings",
     "TrainingDiverged": "learning.module",
-    "load": "deploy.loading",
-    "register": "registry",
+    "discover": "core.registry",
+    "load": "surrogate.loading",
+    "register": "core.registry",
     "simulate": "api",
     "train": "api",
 }
@@ -65,6 +76,6 @@ def __dir__() -> list[str]:
 
 def _plugin_classes() -> dict[str, type]:
     """The plugins that come with the lab, by the names of their classes."""
-    from pgdl_lab.registry import shipped_classes
+    from pgdl_lab.core.registry import shipped_classes
 
     return {cls.__name__: cls for cls in shipped_classes()}

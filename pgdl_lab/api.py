@@ -9,21 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
-from pgdl_lab import cache, paths
-from pgdl_lab.errors import InputError
-from pgdl_lab.experiment import Experiment
-from pgdl_lab.registry import discover, restored
+from pgdl_lab.core import paths
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, restored
+from pgdl_lab.running import cache
+from pgdl_lab.running.experiment import Experiment
 
 if TYPE_CHECKING:
-    from pgdl_lab.fem import Fem
-    from pgdl_lab.finger import Finger
+    from pgdl_lab.core.snapshots import Observation, Snapshots
+    from pgdl_lab.core.split import Split
     from pgdl_lab.learning.balancing import BalancingSettings
+    from pgdl_lab.learning.loss import Loss
+    from pgdl_lab.learning.model import Model
     from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-    from pgdl_lab.loss import Loss
-    from pgdl_lab.model import Model
-    from pgdl_lab.snapshots import Observation, Snapshots
-    from pgdl_lab.split import Split
-    from pgdl_lab.surrogate import Surrogate
+    from pgdl_lab.mechanics.fem import Fem
+    from pgdl_lab.mechanics.finger import Finger
+    from pgdl_lab.surrogate.surrogate import Surrogate
 
 
 def simulate(
@@ -111,7 +112,7 @@ def train(
     """
     from pgdl_lab.assessment.comparison import Comparison
     from pgdl_lab.learning.doubt import trained
-    from pgdl_lab.surrogate import ERROR
+    from pgdl_lab.surrogate.surrogate import ERROR
 
     made = Experiment.of(
         finger=_finger(data), split=split, model=model, loss=loss, trainer=trainer, optimizer=optimizer,

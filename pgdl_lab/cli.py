@@ -16,15 +16,16 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from pgdl_lab import streams, sweep
-from pgdl_lab.composing import store_choices
-from pgdl_lab.errors import InputError
-from pgdl_lab.experiment import Experiment, drop_unchosen, restore, resumed, save
-from pgdl_lab.folders import RUN_ID, begin, discard, end, is_empty
-from pgdl_lab.hydra_versions import BASE, TRUST
-from pgdl_lab.messages import EXPECTED, sentence, typed
-from pgdl_lab.paths import CONF, PLUGINS
-from pgdl_lab.search.trial import PRUNED, TICKET, TrialPruned, time_limit
+from pgdl_lab.core import streams
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.paths import CONF, PLUGINS
+from pgdl_lab.running import sweep
+from pgdl_lab.running.composing import store_choices
+from pgdl_lab.running.experiment import Experiment, drop_unchosen, restore, resumed, save
+from pgdl_lab.running.folders import RUN_ID, begin, discard, end, is_empty
+from pgdl_lab.running.hydra_versions import BASE, TRUST
+from pgdl_lab.running.messages import EXPECTED, sentence, typed
+from pgdl_lab.running.trial import PRUNED, TICKET, TrialPruned, time_limit
 from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)
@@ -120,22 +121,22 @@ def _work(config: DictConfig, folder: Path, sweep_folder: Path | None) -> Job:
 def _discard(folder: Path) -> None:
     """Remove what there is of a run that was refused."""
     if (folder / RUN_ID).is_file():
-        from pgdl_lab.tracking import forget  # loads MLflow
+        from pgdl_lab.running.tracking import forget  # loads MLflow
 
         forget(folder)
     discard(folder)
 
 
 def _mark_failed(folder: Path, sweep_folder: Path, problem: str, overrides: list[str]) -> None:
-    from pgdl_lab.tracking import note_job  # loads MLflow
+    from pgdl_lab.running.tracking import note_job  # loads MLflow
 
     note_job(folder, sweep_folder, "FAILED", {"error": problem}, {}, overrides)
 
 
 def _end_sweep(folder: Path, status: str) -> str | None:
     """Compare the multirun's jobs and close its parent run; list the jobs that failed."""
-    from pgdl_lab.multirun import compare
-    from pgdl_lab.tracking import end_parent  # loads MLflow
+    from pgdl_lab.running.multirun import compare
+    from pgdl_lab.running.tracking import end_parent  # loads MLflow
 
     compared: list[Path] = []
     try:

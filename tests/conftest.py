@@ -15,7 +15,7 @@ import pytest
 
 _root = tempfile.mkdtemp(prefix="pgdl_lab_tests_")
 atexit.register(shutil.rmtree, _root, ignore_errors=True)
-os.environ["PGDL_LAB_ROOT"] = _root  # before anything imports pgdl_lab.paths
+os.environ["PGDL_LAB_ROOT"] = _root  # before anything imports pgdl_lab.core.paths
 os.environ.pop("MLFLOW_TRACKING_URI", None)
 if "PYTEST_XDIST_WORKER" in os.environ:  # each core has a worker of its own
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -37,9 +37,9 @@ def composed(*typed: str) -> "DictConfig":
     """The configuration that the command line makes of what is `typed`."""
     from hydra import compose, initialize_config_dir
 
-    from pgdl_lab.composing import store_choices
-    from pgdl_lab.hydra_versions import BASE
-    from pgdl_lab.paths import CONF
+    from pgdl_lab.core.paths import CONF
+    from pgdl_lab.running.composing import store_choices
+    from pgdl_lab.running.hydra_versions import BASE
 
     store_choices()
     with initialize_config_dir(str(CONF), **BASE):
@@ -59,7 +59,7 @@ def migrated_database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def root(tmp_path: Path, migrated_database: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A root of its own for what runs inside the test process."""
-    from pgdl_lab import paths
+    from pgdl_lab.core import paths
 
     shutil.copy(migrated_database, tmp_path / "mlflow.db")
     (tmp_path / "runs").mkdir()

@@ -8,12 +8,12 @@ import numpy as np
 from omegaconf import OmegaConf
 from skfem import MeshHex, MeshTet
 
-from pgdl_lab import paths, registry
-from pgdl_lab.errors import InputError
-from pgdl_lab.fem import Fem
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import paths, registry
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.material import Yeoh
-from pgdl_lab.snapshots import Observation
 
 registry.discover()
 

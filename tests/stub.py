@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pgdl_lab
-from pgdl_lab.registry import shipped_classes
+from pgdl_lab.core.registry import shipped_classes
 
 PATH = Path(pgdl_lab.__file__).with_suffix(".pyi")
 

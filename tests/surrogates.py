@@ -4,8 +4,8 @@ from pathlib import Path
 
 import torch
 
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.trainings import training
 
 discover()

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.core.snapshots import Snapshots
 
 CHAMBERS, CHAMBER_MM, GAP_MM, FOOT_MM, HEIGHT_MM, MAX_KPA = 10, 10.5, 1.0, 8.0, 17.0, 50.0
 PITCH_MM = CHAMBER_MM + GAP_MM

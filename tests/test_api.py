@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import pgdl_lab as lab
-from pgdl_lab import api, composing
-from pgdl_lab.experiment import Experiment
+from pgdl_lab import api
+from pgdl_lab.running import composing
+from pgdl_lab.running.experiment import Experiment
 from tests import stub
 from tests.trainings import small
 

@@ -9,9 +9,9 @@ from tests.conftest import Lab
 
 PLUGIN = '''
 from dataclasses import dataclass
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.fem import Fem
-from pgdl_lab.registry import register
+from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.core.registry import register
 
 @register("fem", "quick")
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
-from pgdl_lab import registry
-from pgdl_lab.fem import Fem
-from pgdl_lab.finger import Finger
-from pgdl_lab.loss import Loss
+from pgdl_lab.core import registry
+from pgdl_lab.core.split import Split
+from pgdl_lab.learning.loss import Loss
+from pgdl_lab.learning.model import Model
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.material import Material
-from pgdl_lab.model import Model
-from pgdl_lab.split import Split
 from tests.conftest import composed
 
 BASES = {"fem": Fem, "finger": Finger, "loss": Loss, "material": Material, "model": Model, "split": Split}

@@ -4,11 +4,12 @@ import pytest
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
-from pgdl_lab import experiment, registry
-from pgdl_lab.errors import InputError
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.paths import CONF
 from pgdl_lab.mechanics.material import Yeoh
-from pgdl_lab.messages import sentence
-from pgdl_lab.paths import CONF
+from pgdl_lab.running import experiment
+from pgdl_lab.running.messages import sentence
 from tests.conftest import composed
 
 TYPED = [

@@ -11,11 +11,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from pgdl_lab import files, snapshots
-from pgdl_lab.cache import simulate
-from pgdl_lab.errors import LabError
-from pgdl_lab.files import replacing
-from pgdl_lab.snapshots import DamagedSnapshots, Snapshots
+from pgdl_lab.core import files, snapshots
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.snapshots import DamagedSnapshots, Snapshots
+from pgdl_lab.running.cache import simulate
 from tests.fingers import OBSERVATION, pneunet
 from tests.test_snapshots import Counting, small
 

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from pgdl_lab import folders
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.running import folders
 
 
 def test_new_folders_differ_even_within_a_second(root: Path) -> None:

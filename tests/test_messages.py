@@ -7,7 +7,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import OverrideParseException
 
-from pgdl_lab.messages import command, sentence, typed
+from pgdl_lab.running.messages import command, sentence, typed
 
 VALUES = [
     "plain.vtu", "/a/b-c_1.msh", "ä.vtu", "o'n.vtu", "it's \"so\".vtu", "two words", "p%20q", "q?r", "x<1 and z>=2",

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pgdl_lab.multirun import compare
-from pgdl_lab.sweep import FAILURE, OVERRIDES
+from pgdl_lab.running.multirun import compare
+from pgdl_lab.running.sweep import FAILURE, OVERRIDES
 
 METRICS = {
     "seconds": {"simulate": 123.4, "train": 56.7},
@@ -51,7 +51,7 @@ def test_jobs_and_settings_are_read_whatever_the_width(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
-    monkeypatch.setattr("pgdl_lab.multirun._figure", lambda rows, keys, path: path)
+    monkeypatch.setattr("pgdl_lab.running.multirun._figure", lambda rows, keys, path: path)
     written = compare(sweep(tmp_path, settings, failed=1))
     shown = capsys.readouterr().out
     lines = shown.splitlines()

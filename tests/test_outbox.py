@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from pgdl_lab import folders, mlflow_server, outbox, tracking
-from pgdl_lab.errors import LabError
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.running import folders, mlflow_server, outbox, tracking
 from tests.test_tracking import client, new_folder, read
 
 
@@ -145,7 +145,7 @@ def test_a_run_whose_database_was_deleted_is_logged_again(root: Path, migrated_d
 def test_any_path_can_hold_the_database_and_the_runs(
     name: str, root: Path, migrated_database: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from pgdl_lab import paths
+    from pgdl_lab.core import paths
 
     home = root / name
     folder = new_folder(home / "runs", name)

@@ -5,7 +5,7 @@ import meshio
 import numpy as np
 from meshio.xdmf import TimeSeriesReader
 
-from pgdl_lab.paraview import write_face, write_series
+from pgdl_lab.running.paraview import write_face, write_series
 from tests.fingers import OBSERVATION, pneunet, solid
 from tests.test_surrogate import trained
 from tests.trainings import small

@@ -14,7 +14,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Run
 
 import pgdl_lab
-from pgdl_lab.folders import RUN_ID
+from pgdl_lab.running.folders import RUN_ID
 from tests.conftest import Lab, environment
 
 WARNING = "The made-up finger is a comb."
@@ -22,9 +22,9 @@ FEM = '''
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from pgdl_lab.fem import Fem
-from pgdl_lab.paths import ROOT
-from pgdl_lab.registry import register
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.core.paths import ROOT
+from pgdl_lab.core.registry import register
 from tests.synthetic import snapshots
 
 @register("fem", "made_up")

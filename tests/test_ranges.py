@@ -8,12 +8,12 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from pgdl_lab.deploy import torch_form
-from pgdl_lab.deploy.face_mesh import FaceMesh
-from pgdl_lab.deploy.probe import Probe
-from pgdl_lab.errors import InputError
-from pgdl_lab.record import Face, Record
-from pgdl_lab.surrogate import Outside, Surrogate, TooFar
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.face_mesh import FaceMesh
+from pgdl_lab.export import torch_form
+from pgdl_lab.surrogate.probe import Probe
+from pgdl_lab.surrogate.record import Face, Record
+from pgdl_lab.surrogate.surrogate import Outside, Surrogate, TooFar
 
 SQUARE = Face(
     FaceMesh(np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0], [10.0, 10.0]]), np.array([[0, 1, 2], [1, 3, 2]])),

@@ -11,12 +11,13 @@ import pytest
 from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
-from pgdl_lab import plugins, registry
-from pgdl_lab.errors import InputError
+from pgdl_lab import plugins
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
 
 PLUGIN = """
 from dataclasses import dataclass
-from pgdl_lab.registry import register
+from pgdl_lab.core.registry import register
 
 @register("split", "{name}")
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pgdl_lab import registry
-from pgdl_lab.cache import simulate
-from pgdl_lab.fem import Fem, SimulationStopped
-from pgdl_lab.finger import Finger
-from pgdl_lab.resultcheck import doubts
-from pgdl_lab.snapshots import Body, Observation, Snapshots
+from pgdl_lab.core import registry
+from pgdl_lab.core.snapshots import Body, Observation, Snapshots
+from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.finger import Finger
+from pgdl_lab.mechanics.resultcheck import doubts
+from pgdl_lab.running.cache import simulate
 from tests.fingers import pneunet, solid
 from tests.meshes import bricks, groups, inside, save, skin
 
@@ -123,7 +123,7 @@ class Still(Fem):
 
 @pytest.fixture
 def still(monkeypatch: pytest.MonkeyPatch) -> type[Still]:
-    from pgdl_lab import cache
+    from pgdl_lab.running import cache
 
     monkeypatch.setattr(cache, "describe", lambda part: {"name": getattr(part, "name", "part"), "as": repr(part)})
     return Still

@@ -21,13 +21,13 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from pgdl_lab.cache import simulate, snapshot_path
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.fem import Fem, SimulationStopped
-from pgdl_lab.finger import Finger
-from pgdl_lab.registry import plugin
-from pgdl_lab.resultcheck import doubts
-from pgdl_lab.snapshots import Body, DamagedSnapshots, Observation, Snapshots
+from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.registry import plugin
+from pgdl_lab.core.snapshots import Body, DamagedSnapshots, Observation, Snapshots
+from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.finger import Finger
+from pgdl_lab.mechanics.resultcheck import doubts
+from pgdl_lab.running.cache import simulate, snapshot_path
 from pgdl_lab.tasks import Job
 from pgdl_lab.tasks import simulate as task
 from tests.fingers import OBSERVATION, balloon, pneunet, solid

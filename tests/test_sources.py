@@ -11,17 +11,17 @@ from shutil import copytree
 
 import pytest
 
-from pgdl_lab import sources
-from pgdl_lab.cache import snapshot_path
-from pgdl_lab.fem import Fem
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import sources
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.mechanics.finger import Finger
+from pgdl_lab.running.cache import snapshot_path
 from tests.conftest import CHECKOUT, environment
 from tests.fingers import OBSERVATION, pneunet, solid
 
 MINE = '''
 from dataclasses import dataclass
 from pgdl_lab.plugins.finger.pneunet import Pneunet
-from pgdl_lab.registry import register
+from pgdl_lab.core.registry import register
 
 @register("finger", "mine")
 @dataclass(frozen=True)
@@ -31,10 +31,11 @@ class Mine(Pneunet):
 EDIT = """
 import json, sys
 from pathlib import Path
-from pgdl_lab import cache, registry, sources
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.core import registry, sources
+from pgdl_lab.running import cache
+from pgdl_lab.core.snapshots import Observation
 registry.discover()
-package = Path(sources.__file__).parent
+root = Path(sources.__file__).parents[2]
 
 def keys():
     sources._read.clear()  # as in another process
@@ -44,7 +45,7 @@ def keys():
 
 before, found = keys(), {}
 for file in sys.argv[1:]:
-    path = package.parent / file
+    path = root / file
     content = path.read_bytes()
     path.write_bytes(content + b"# edited\\n")
     found[file] = [now != then for now, then in zip(keys(), before)]
@@ -53,9 +54,9 @@ assert keys() == before
 print(json.dumps(found))
 """
 BOTH = (
-    "pgdl_lab/finger.py",
-    "pgdl_lab/fem.py",
-    "pgdl_lab/snapshots.py",
+    "pgdl_lab/mechanics/finger.py",
+    "pgdl_lab/mechanics/fem.py",
+    "pgdl_lab/core/snapshots.py",
     "pgdl_lab/mechanics/material.py",
     "pgdl_lab/mechanics/extrude.py",  # imported when a mesh is asked for
     "plugins/finger/mine.py",
@@ -65,7 +66,7 @@ ROD, SOLID = ("plugins/fem/rod.py", "pgdl_lab/mechanics/segments.py"), ("plugins
 NEITHER = (
     "pgdl_lab/mechanics/calculix.py",
     "pgdl_lab/learning/module.py",
-    "pgdl_lab/surrogate.py",
+    "pgdl_lab/surrogate/surrogate.py",
     "plugins/fem/section.py",
     "plugins/finger/joints.py",
 )

@@ -10,7 +10,7 @@ from tests.conftest import environment
 
 SAY = """
 import sys
-from pgdl_lab import streams
+from pgdl_lab.core import streams
 streams.last()
 for number in range(3000):
     print(f"{number}: 1 mm² – 2 μm ━━ ä 你好")

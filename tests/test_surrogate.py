@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import pgdl_lab
-from pgdl_lab.errors import InputError
-from pgdl_lab.registry import plugin
-from pgdl_lab.surrogate import Outside, Surrogate, TooFar
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import plugin
+from pgdl_lab.surrogate.surrogate import Outside, Surrogate, TooFar
 from tests.surrogates import MODELS, trained
 from tests.trainings import small, training
 

@@ -14,9 +14,10 @@ import torch
 from safetensors import safe_open
 
 import pgdl_lab
-from pgdl_lab.deploy import archive, numpy_form
-from pgdl_lab.errors import InputError
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.export import numpy_form
+from pgdl_lab.surrogate import archive
+from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.conftest import CHECKOUT
 from tests.surrogates import MODELS, trained
 from tests.trainings import small

@@ -8,11 +8,11 @@ import pytest
 from mlflow import MlflowClient
 from mlflow.entities import Run
 
-from pgdl_lab import tracking
-from pgdl_lab.errors import LabError
-from pgdl_lab.folders import RUN_ID
-from pgdl_lab.mlflow_server import EXPERIMENT, connect
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.running import tracking
+from pgdl_lab.running.folders import RUN_ID
+from pgdl_lab.running.mlflow_server import EXPERIMENT, connect
 from tests.conftest import environment
 
 CONFIG = """
@@ -156,7 +156,7 @@ def test_a_damaged_database_is_one_sentence(root: Path) -> None:
 JOB = """
 import sys
 from pathlib import Path
-from pgdl_lab import tracking
+from pgdl_lab.running import tracking
 sweep, job = Path(sys.argv[1]), sys.argv[2]
 with tracking.tracked_run(sweep / job, sweep) as run:
     for step in range(20):
@@ -187,7 +187,10 @@ def test_processes_that_start_together_share_a_fresh_database(tmp_path: Path) ->
 
 
 def test_a_machine_without_git_is_tracked_without_a_word(tmp_path: Path) -> None:
-    script = "import pgdl_lab.mlflow_server\nfrom mlflow.tracking.context.registry import resolve_tags as r\nassert r()"
+    script = (
+        "import pgdl_lab.running.mlflow_server\n"
+        "from mlflow.tracking.context.registry import resolve_tags as r\nassert r()"
+    )
     alone = {**environment(tmp_path), "PATH": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", script], env=alone, capture_output=True, text=True, check=False)
     assert done.returncode == 0 and not done.stderr

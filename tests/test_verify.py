@@ -10,10 +10,10 @@ import pytest
 from numpy import float64
 from omegaconf import OmegaConf
 
-from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.mechanics.elements import BEST
+from pgdl_lab.studies.verification.benchmark import Benchmark, Check
 from pgdl_lab.tasks import Job, verify
-from pgdl_lab.verification.benchmark import Benchmark, Check
 from tests.conftest import Lab
 
 

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.snapshots import Snapshots
 from tests.synthetic import snapshots
 
 discover()

@@ -17,11 +17,11 @@ from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.figures import draw
 from pgdl_lab.assessment.latency import latency_ms
 from pgdl_lab.assessment.residuals import residuals
-from pgdl_lab.files import replacing
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.split import Split
 from pgdl_lab.learning.data import Training
-from pgdl_lab.snapshots import Snapshots
-from pgdl_lab.split import Split
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 _log = logging.getLogger(__name__)
 _tracebacks = logging.getLogger("pgdl_lab.failure")  # goes to run.log only

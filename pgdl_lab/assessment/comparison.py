@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.assessment.curvature import mean_curvature_per_m, rms_distance_mm
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.surrogate.curvature import mean_curvature_per_m, rms_distance_mm
 
 Floats = NDArray[np.float64]
 

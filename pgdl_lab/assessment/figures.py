@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.assessment.comparison import Comparison
-from pgdl_lab.files import replacing
+from pgdl_lab.core.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from pgdl_lab.learning.threads import threads
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 LEAST_REPEATS = 100  # so that the 99th percentile is a measured one
 SECONDS = 0.5

@@ -6,9 +6,9 @@ are not the ones simulated here to the last dimension, so displacements compare 
 
 from dataclasses import dataclass, field
 
-from pgdl_lab.finger import Finger
-from pgdl_lab.registry import describe
-from pgdl_lab.split import Split
+from pgdl_lab.core.registry import describe
+from pgdl_lab.core.split import Split
+from pgdl_lab.mechanics.finger import Finger
 
 Extremes = dict[str, tuple[float, float]]
 

@@ -6,11 +6,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.data import Scene
+from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.jet import ROWS, Jet
-from pgdl_lab.learning.triangulation import Triangulation
-from pgdl_lab.loss import Loss
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.learning.loss import Loss
+from pgdl_lab.learning.scene import Scene
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 Floats = NDArray[np.float64]
 

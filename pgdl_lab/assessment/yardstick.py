@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.core.registry import describe, plugin
+from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Training
 from pgdl_lab.learning.linear import DATA
-from pgdl_lab.model import Model
-from pgdl_lab.registry import describe, plugin
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.learning.model import Model
 
 
 def measure(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 
 RULES = ("fixed", "gradient_norm", "relobralo")
 LOOKBACK = 0.01  # probability with which relobralo puts what it finds against the first losses for its last factors

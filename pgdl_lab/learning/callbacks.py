@@ -11,9 +11,9 @@ import lightning.pytorch as pl
 from lightning.pytorch import callbacks
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from pgdl_lab.errors import LabError
-from pgdl_lab.files import replacing
-from pgdl_lab.heard import ASIDE
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.heard import ASIDE
 from pgdl_lab.learning.module import TrainingModule
 
 _log = logging.getLogger(__name__)

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.deploy.limits import BEYOND
-from pgdl_lab.learning.calibration import NORMAL
 from pgdl_lab.learning.separable import chebyshev
+from pgdl_lab.surrogate.calibration import NORMAL
+from pgdl_lab.surrogate.limits import BEYOND
 
 LEFT_OUT = 0.1  # a tenth of the error adds half a per cent to it
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.balancing import BalancingSettings
+from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.loss import Loss
-from pgdl_lab.snapshots import Snapshots
 
 SET_ASIDE = 1  # beside the seed: a random stream that nothing else draws from
 

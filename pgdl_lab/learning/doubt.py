@@ -12,11 +12,11 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.heard import WARNINGS, heard
-from pgdl_lab.learning.calibration import NORMAL
+from pgdl_lab.core.heard import WARNINGS, heard
 from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.model import Model
-from pgdl_lab.surrogate import Outside, Surrogate
+from pgdl_lab.learning.model import Model
+from pgdl_lab.surrogate.calibration import NORMAL
+from pgdl_lab.surrogate.surrogate import Outside, Surrogate
 
 _log = logging.getLogger(__name__)
 

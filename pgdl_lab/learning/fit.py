@@ -14,18 +14,18 @@ import lightning.pytorch as pl
 import numpy as np
 import torch
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import describe
 from pgdl_lab.learning.callbacks import Checkpoint, ProgressBar
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.field import Field
+from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.threads import threads
-from pgdl_lab.loss import Loss
-from pgdl_lab.record import Record
-from pgdl_lab.registry import describe
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate.record import Record
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 
 class Trainable(Protocol):

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.calibration import COVERED, Held, Ratios, bar_deviations, covering
 from pgdl_lab.learning.data import Samples
+from pgdl_lab.surrogate.calibration import COVERED, Held, Ratios, bar_deviations, covering
 
 _log = logging.getLogger(__name__)
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.calibration import Held
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.gaps import Gap, calibrated
-from pgdl_lab.learning.process_surrogate import covariance, factor, interpolated
-from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.surrogate.calibration import Held
+from pgdl_lab.surrogate.process_surrogate import covariance, factor, interpolated
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 Floats = NDArray[np.float64]
 

@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.deploy.limits import BEYOND
-from pgdl_lab.errors import InputError
-from pgdl_lab.fem import SimulationStopped
-from pgdl_lab.learning.data import Samples, Scene
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import plugin
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.separable import SeparableRegression, chebyshev, evaluated
-from pgdl_lab.learning.triangulation import Triangulation
-from pgdl_lab.registry import plugin
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.mechanics.fem import SimulationStopped
+from pgdl_lab.surrogate.limits import BEYOND
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 Floats = NDArray[np.float64]
 

@@ -10,14 +10,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pgdl_lab.deploy.limits import BEYOND
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.jet import ROWS, XX, XZ, ZZ, X, Z, propagate
-from pgdl_lab.learning.last_layer import ridge_regression
 from pgdl_lab.learning.modal import DECAY
 from pgdl_lab.learning.separable import chebyshev
-from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.surrogate.last_layer import ridge_regression
+from pgdl_lab.surrogate.limits import BEYOND
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 MOTIONS = 3  # of a section: along x, along z, and a turn in the plane
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.learning.calibration import FEWEST, TOO_FEW, Held
 from pgdl_lab.learning.data import Training
 from pgdl_lab.learning.fit import Trainable, trained_field
 from pgdl_lab.learning.gaps import BLOCKS, Excess, Gap
-from pgdl_lab.learning.last_layer import LastLayer
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.learning.neural_surrogate import last_layer, ridge_of, scores_mm
+from pgdl_lab.surrogate.calibration import FEWEST, TOO_FEW, Held
+from pgdl_lab.surrogate.last_layer import LastLayer
 
 if TYPE_CHECKING:
     from pgdl_lab.learning.field import ReadOutField

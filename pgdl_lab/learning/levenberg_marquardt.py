@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.func import functional_call, jacrev, vmap
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning.objective import Objective
 
 MOST_WEIGHTS = 4000  # the normal matrix of more takes longer than a thousand steps of a first-order method

@@ -9,9 +9,9 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.model import Model
-from pgdl_lab.registry import describe
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import describe
+from pgdl_lab.learning.model import Model
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from pgdl_lab.learning.data import Samples, Training
-    from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+    from pgdl_lab.learning.loss import Loss
     from pgdl_lab.learning.separable import SeparableRegression
-    from pgdl_lab.loss import Loss
-    from pgdl_lab.record import Record
+    from pgdl_lab.surrogate.nodal_surrogate import NodalSurrogate
+    from pgdl_lab.surrogate.record import Record
 
 _log = logging.getLogger(__name__)
 
@@ -55,9 +55,9 @@ class LinearModel(Model):
         """What the surrogate's state holds beside the body, see `NodalSurrogate`; it is compressed later."""
 
     def fit(self, training: Training) -> NodalSurrogate:
-        from pgdl_lab.learning.pod import compressed
+        from pgdl_lab.learning.compression import compressed
         from pgdl_lab.learning.threads import threads
-        from pgdl_lab.record import Record
+        from pgdl_lab.surrogate.record import Record
 
         self.left_out(training.losses)
         with threads(training.trainer.threads):
@@ -68,7 +68,7 @@ class LinearModel(Model):
         return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> NodalSurrogate:
-        from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+        from pgdl_lab.surrogate.nodal_surrogate import NodalSurrogate
 
         return NodalSurrogate(describe(self), record, state)
 
@@ -144,7 +144,7 @@ def regression_of(
 
     from pgdl_lab.learning.clock import Clock
     from pgdl_lab.learning.separable import SeparableRegression
-    from pgdl_lab.learning.triangulation import Triangulation
+    from pgdl_lab.surrogate.triangulation import Triangulation
 
     scene, count = training.scene, len(samples.pressures_kpa)
     if rough is None and count <= degree:

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import ReadOutField
 from pgdl_lab.learning.jet import ROWS, propagate
-from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 # The least-squares start punishes mode m in the k-th Chebyshev polynomial by RIDGE · (λ_m / λ_max)² · GROWTH^k per
 # sample: fast changes along the body and in pressure are taken up only as far as the data ask for them.

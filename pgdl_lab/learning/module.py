@@ -11,7 +11,7 @@ import lightning.pytorch as pl
 import torch
 from torch import Tensor
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.core.errors import LabError
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.objective import Objective

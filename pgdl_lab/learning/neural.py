@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.model import Model
-from pgdl_lab.registry import describe
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import describe
+from pgdl_lab.learning.model import Model
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.field import Field, ReadOutField
-    from pgdl_lab.record import Record
-    from pgdl_lab.surrogate import Surrogate
+    from pgdl_lab.surrogate.record import Record
+    from pgdl_lab.surrogate.surrogate import Surrogate
 
 ACTIVATIONS = ("relu", "tanh", "silu", "gelu", "softplus", "sin")
 DTYPES = ("float32", "float64")
@@ -103,8 +103,8 @@ class NeuralModel(TrainedModel):
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
         import torch
 
-        from pgdl_lab.learning.last_layer import STATE, LastLayer
         from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
+        from pgdl_lab.surrogate.last_layer import STATE, LastLayer
 
         tensors = {name: torch.from_numpy(array) for name, array in state.items() if not name.startswith(STATE)}
         if self.depth > len(tensors):

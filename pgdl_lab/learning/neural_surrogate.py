@@ -10,13 +10,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pgdl_lab.deploy.probe import Probe
-from pgdl_lab.learning.calibration import FEWEST
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import Field, ReadOutField
-from pgdl_lab.learning.last_layer import BEYOND, LastLayer, ridge, scores
-from pgdl_lab.record import Record
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate.calibration import FEWEST
+from pgdl_lab.surrogate.last_layer import BEYOND, LastLayer, ridge, scores
+from pgdl_lab.surrogate.probe import Probe
+from pgdl_lab.surrogate.record import Record
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 

@@ -10,13 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning.activations import PIECEWISE_LINEAR
 from pgdl_lab.learning.balancing import Balancer, BalancingSettings
-from pgdl_lab.learning.data import Samples, Scene
+from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.jet import Jet
-from pgdl_lab.loss import Loss, PhysicsLoss
+from pgdl_lab.learning.loss import Loss, PhysicsLoss
+from pgdl_lab.learning.scene import Scene
 
 _log = logging.getLogger(__name__)
 

@@ -18,7 +18,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.material import FirstInvariantMaterial, Material
 
 LEAST_AREA = 0.2  # d below which a field counts as d = 0.2: the law says nothing of matter that is turned inside out

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.loss import PhysicsLoss
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.learning.loss import PhysicsLoss
 
 if TYPE_CHECKING:
-    from pgdl_lab.finger import Finger
     from pgdl_lab.learning.plane import PlaneLaw
+    from pgdl_lab.mechanics.finger import Finger
 
 STATES = ("plane_stress", "plane_strain")
 

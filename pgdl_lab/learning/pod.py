@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.learning.calibration import Floats, Held, above_fold, fits, inside_folds
 from pgdl_lab.learning.gaps import BLOCKS, Gap, calibrated
 from pgdl_lab.learning.linear import regression_of
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, evaluated
+from pgdl_lab.surrogate.calibration import Floats, Held, above_fold, fits, inside_folds
 
 if TYPE_CHECKING:
     from pgdl_lab.learning.data import Samples, Training

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.deploy.face_mesh import FaceMesh
-from pgdl_lab.finger import Finger
-from pgdl_lab.record import Face
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.core.face_mesh import FaceMesh
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.mechanics.finger import Finger
+from pgdl_lab.surrogate.record import Face
 
 
 @dataclass(frozen=True, eq=False)  # each is its own key where something is prepared for it

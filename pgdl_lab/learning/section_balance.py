@@ -21,13 +21,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import ExtrudedFinger, Finger
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning.plane import PlaneLaw
+from pgdl_lab.mechanics.finger import ExtrudedFinger, Finger
 from pgdl_lab.mechanics.profile import Region
 
 if TYPE_CHECKING:
-    from pgdl_lab.learning.data import Scene
+    from pgdl_lab.learning.scene import Scene
 
 Floats = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import scipy.sparse as sp
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.learning.triangulation import Triangulation
 from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.surrogate.triangulation import Triangulation
 
 Floats = NDArray[np.float64]
 

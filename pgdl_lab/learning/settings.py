@@ -5,7 +5,7 @@ import shutil
 from dataclasses import dataclass
 from typing import Any
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 
 ACCELERATORS = ("auto", "cpu", "gpu")
 COMPILERS = ("g++", "clang++", "cl")

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning.levenberg_marquardt import LevenbergMarquardt
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.settings import FULL_BATCH, OptimizerSettings

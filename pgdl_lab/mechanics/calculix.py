@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import LabError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core.errors import LabError
 from pgdl_lab.mechanics.calculix_deck import deck, weighs
 from pgdl_lab.mechanics.calculix_program import program
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model, progress
 from pgdl_lab.mechanics.threads import threads
 

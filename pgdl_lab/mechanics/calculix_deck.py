@@ -7,7 +7,7 @@ units, and forces in N are that small in a soft finger.
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.finger import Finger
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 
 Array = NDArray[np.float64]

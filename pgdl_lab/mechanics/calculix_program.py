@@ -4,7 +4,7 @@ import re
 import shutil
 import subprocess
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 
 PROGRAM = "ccx"
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.crossing import MOST_DIVISIONS, CurvedFaces
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.skin import MIRROR, skin

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.finger import ExtrudedFinger
 from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.reduced import ReducedModel
 from pgdl_lab.mechanics.rod import Rod, Sections

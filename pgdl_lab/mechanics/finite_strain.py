@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.mechanics.cavity import Cavity
 from pgdl_lab.mechanics.contact import REACH_MM, Contact, NoContact
 from pgdl_lab.mechanics.discretisation_error import DiscretisationError, estimate, refined
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
 from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.leaning import Lean, Leaning, whole
 from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
 from pgdl_lab.mechanics.memory import require

@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from pgdl_lab.finger import Finger
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load, nodal_volumes
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.linear import SymmetricSolver
 from pgdl_lab.mechanics.newton import CLOSE_MM, NoConvergence, step_length
 

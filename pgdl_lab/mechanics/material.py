@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
 from pgdl_lab.mechanics.invariants import first_invariant
 from pgdl_lab.mechanics.response import Isochoric
 from pgdl_lab.mechanics.stability import STABLE_STRETCH, weakness
-from pgdl_lab.registry import register
 
 Array = NDArray[np.float64]
 

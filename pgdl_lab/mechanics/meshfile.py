@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.abaqus import surfaces
 from pgdl_lab.mechanics.meshcheck import OTHER_HAND, require_sound, right_handed, without_copies
 from pgdl_lab.mechanics.meshgroups import FACET_CORNERS, POINTS_AND_LINES, Groups

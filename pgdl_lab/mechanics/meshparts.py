@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.meshaxes import is_limit, within
 from pgdl_lab.mechanics.meshcavity import Chamber, inner_surfaces
 from pgdl_lab.mechanics.meshfile import MM, MeshFile

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.rawmesh import read_raw
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.core.errors import LabError
 from pgdl_lab.mechanics.hermite import hermite
 from pgdl_lab.mechanics.newton import NoConvergence, Solution
 

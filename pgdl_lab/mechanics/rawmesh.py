@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.hdf5 import require_contained
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.hdf5 import require_contained
 
 if TYPE_CHECKING:
     import meshio

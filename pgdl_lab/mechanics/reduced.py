@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab import __version__
-from pgdl_lab.errors import InputError
-from pgdl_lab.fem import Fem, SimulationStopped
-from pgdl_lab.finger import ExtrudedFinger, Finger
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import describe
+from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.finger import ExtrudedFinger, Finger
 from pgdl_lab.mechanics.finite_strain import Model
-from pgdl_lab.registry import describe
-from pgdl_lab.snapshots import Observation, Snapshots
 
 Array = NDArray[np.float64]
 

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.finger import ExtrudedFinger
 from pgdl_lab.mechanics.air import Air
 from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.elements import Discretisation, pressure_modes
 from pgdl_lab.mechanics.equilibrium import Equilibrium, nodal_volumes
 from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.lattice import Lattice
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Material

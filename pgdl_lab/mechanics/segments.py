@@ -22,10 +22,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.finger import ExtrudedFinger
 from pgdl_lab.mechanics.assembly import Assembler
 from pgdl_lab.mechanics.elements import BEST, ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.extrude import extrude
+from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.lattice import Lattice
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.profile import Profile, Region

@@ -1,14 +1,14 @@
 """All plugins, wherever they lie: `pgdl_lab.plugins.<kind>.<name>` is a module in one of the folders of `__path__`.
 
 A wheel carries the plugins in this package; a checkout keeps them in `plugins/`. The user's own, often in the working
-directory, are among them only after `pgdl_lab.registry.discover`, as importing a kind already runs code there; the
+directory, are among them only after `pgdl_lab.core.registry.discover`, as importing a kind already runs code there; the
 processes that are started afterwards find them too, under the same names, by an environment variable.
 """
 
 import os
 from pathlib import Path
 
-from pgdl_lab.paths import OWN_PLUGINS, SHIPPED_PLUGINS
+from pgdl_lab.core.paths import OWN_PLUGINS, SHIPPED_PLUGINS
 
 _DISCOVERED = "PGDL_LAB_DISCOVERED"
 

@@ -5,8 +5,8 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from pgdl_lab.files import replacing
-from pgdl_lab.registry import KINDS, PARTS
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import KINDS, PARTS
 
 
 def write_experiment(run: Path, path: Path, comment: str) -> None:

@@ -3,10 +3,10 @@
 Both can be written into a configuration: `${open_dimensions:FINGER}` and `${paper_extremes:FINGER}`.
 """
 
-from pgdl_lab import registry
 from pgdl_lab.assessment.paper import published
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.mechanics.finger import Finger
 
 RELATIVE = 0.02  # tolerance of an extreme
 LEAST_MM = 0.5  # where the paper has nearly nothing

@@ -13,7 +13,7 @@ import optuna
 from optuna.trial import FrozenTrial, TrialState
 
 from pgdl_lab.assessment.figures import STYLE
-from pgdl_lab.files import replacing
+from pgdl_lab.core.files import replacing
 from pgdl_lab.search.settings import MISFIT
 from pgdl_lab.search.tally import LOST
 

@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.metrics import numbers
-from pgdl_lab.registry import closest
+from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.registry import closest
+from pgdl_lab.running.metrics import numbers
 from pgdl_lab.search.settings import MISFIT, NONE_LEFT, SELECTION_MM2
 
 

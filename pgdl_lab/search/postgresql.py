@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from optuna.storages.journal import BaseJournalBackend
 
-from pgdl_lab.errors import LabError
+from pgdl_lab.core.errors import LabError
 from pgdl_lab.search.journal import ends_a_trial
 
 if TYPE_CHECKING:

@@ -7,15 +7,15 @@ import optuna
 import torch
 from hydra.utils import instantiate
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import closest
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.module import TrainingModule
 from pgdl_lab.learning.objective import Objective
-from pgdl_lab.registry import closest
+from pgdl_lab.running.trial import REPORTS, Ticket, TrialPruned
 from pgdl_lab.search.settings import NONE_LEFT, SELECTION
 from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import making
-from pgdl_lab.search.trial import REPORTS, Ticket, TrialPruned
 
 
 class Pruning(pl.Callback):

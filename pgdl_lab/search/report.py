@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pgdl_lab.files import replacing
-from pgdl_lab.folders import BEST
+from pgdl_lab.core.files import replacing
+from pgdl_lab.running.folders import BEST
 from pgdl_lab.search import figures
 from pgdl_lab.search.best import write_experiment
 from pgdl_lab.search.settings import SELECTION_MM2

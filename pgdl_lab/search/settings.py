@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.folders import check_study
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.running.folders import check_study
 
 DEFAULT_SAMPLER = {
     "_target_": "optuna.samplers.TPESampler",

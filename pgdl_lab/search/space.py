@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import IntervalSweep, Override, QuotedString, RangeSweep
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.messages import quoted
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.running.messages import quoted
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.search.journal import FileJournal, KernelLock
 from pgdl_lab.search.postgresql import SCHEME, PostgresJournal
 

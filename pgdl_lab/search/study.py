@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 from hydra.utils import instantiate
 from optuna.trial import FrozenTrial, TrialState
 
-from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.search.journal import KernelLock
 from pgdl_lab.search.settings import DEFAULT_SAMPLER
 from pgdl_lab.search.tally import LOST, RETRY_OF, Tally

@@ -22,18 +22,18 @@ from omegaconf import DictConfig, OmegaConf
 from optuna.trial import FrozenTrial
 from threadpoolctl import threadpool_limits
 
-from pgdl_lab import tracking
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.folders import BEST
-from pgdl_lab.messages import sentence
+from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.running import tracking
+from pgdl_lab.running.folders import BEST
+from pgdl_lab.running.messages import sentence
+from pgdl_lab.running.sweep import OVERRIDES
+from pgdl_lab.running.trial import PRUNED, Ticket
 from pgdl_lab.search import objectives
 from pgdl_lab.search.report import report
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import Space, parse
 from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import Claim, SharedStudy
-from pgdl_lab.search.trial import PRUNED, Ticket
-from pgdl_lab.sweep import OVERRIDES
 
 _log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from pgdl_lab.experiment import Experiment
+from pgdl_lab.running.experiment import Experiment
 
 
 @dataclass(frozen=True)

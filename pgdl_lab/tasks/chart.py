@@ -12,17 +12,17 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pgdl_lab import paths
-from pgdl_lab.chart.bench import Bench
-from pgdl_lab.chart.figure import draw
-from pgdl_lab.chart.methods import FINITE_ELEMENTS, all_points
-from pgdl_lab.chart.page import write_page
-from pgdl_lab.chart.point import Point, pareto
-from pgdl_lab.chart.settings import ChartSettings
-from pgdl_lab.errors import InputError
-from pgdl_lab.files import replacing
-from pgdl_lab.registry import describe
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.core import paths
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import describe
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.studies.chart.bench import Bench
+from pgdl_lab.studies.chart.figure import draw
+from pgdl_lab.studies.chart.methods import FINITE_ELEMENTS, all_points
+from pgdl_lab.studies.chart.page import write_page
+from pgdl_lab.studies.chart.point import Point, pareto
+from pgdl_lab.studies.chart.settings import ChartSettings
 from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)

@@ -8,17 +8,17 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from pgdl_lab import paths
-from pgdl_lab.choosing.choice import Choice
-from pgdl_lab.choosing.climb import Climb, check_scene
-from pgdl_lab.choosing.settings import ChooseSettings
-from pgdl_lab.choosing.surrogates import add_surrogate
-from pgdl_lab.errors import InputError
-from pgdl_lab.experiment import Experiment
-from pgdl_lab.files import replacing
-from pgdl_lab.registry import describe
+from pgdl_lab.core import paths
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import describe
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.running.experiment import Experiment
 from pgdl_lab.search.best import write_experiment
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.studies.choosing.choice import Choice
+from pgdl_lab.studies.choosing.climb import Climb, check_scene
+from pgdl_lab.studies.choosing.settings import ChooseSettings
+from pgdl_lab.studies.choosing.surrogates import add_surrogate
 from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)

@@ -6,11 +6,11 @@ import logging
 from rich.console import Console
 from rich.table import Table
 
-from pgdl_lab.deploy.export import Form, export
-from pgdl_lab.files import replacing
-from pgdl_lab.folders import stored_surrogate
+from pgdl_lab.core.files import replacing
+from pgdl_lab.export.export import Form, export
+from pgdl_lab.running.folders import stored_surrogate
+from pgdl_lab.running.tracking import add_artifacts
 from pgdl_lab.tasks import Job
-from pgdl_lab.tracking import add_artifacts
 
 _log = logging.getLogger(__name__)
 

@@ -2,8 +2,8 @@
 
 import logging
 
+from pgdl_lab.running.tracking import log_again
 from pgdl_lab.tasks import Job
-from pgdl_lab.tracking import log_again
 
 _log = logging.getLogger(__name__)
 

@@ -2,10 +2,10 @@
 
 import logging
 
-from pgdl_lab import paths
-from pgdl_lab.cache import simulate
-from pgdl_lab.folders import stored_surrogate
-from pgdl_lab.paraview import write_face
+from pgdl_lab.core import paths
+from pgdl_lab.running.cache import simulate
+from pgdl_lab.running.folders import stored_surrogate
+from pgdl_lab.running.paraview import write_face
 from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)

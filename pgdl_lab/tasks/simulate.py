@@ -4,11 +4,11 @@ import json
 import logging
 import time
 
-from pgdl_lab import paths
-from pgdl_lab.cache import simulate
-from pgdl_lab.files import replacing
-from pgdl_lab.paraview import write_series
-from pgdl_lab.registry import describe
+from pgdl_lab.core import paths
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import describe
+from pgdl_lab.running.cache import simulate
+from pgdl_lab.running.paraview import write_series
 from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)

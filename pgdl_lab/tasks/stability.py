@@ -8,14 +8,14 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from pgdl_lab import paths
-from pgdl_lab.errors import InputError
-from pgdl_lab.files import replacing
-from pgdl_lab.stability.figure import draw
-from pgdl_lab.stability.outcome import Trial, cells
-from pgdl_lab.stability.page import write_page
-from pgdl_lab.stability.run import StabilitySettings, all_trials
-from pgdl_lab.stability.verdict import BAR, SILENT, counts
+from pgdl_lab.core import paths
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.files import replacing
+from pgdl_lab.studies.stability.figure import draw
+from pgdl_lab.studies.stability.outcome import Trial, cells
+from pgdl_lab.studies.stability.page import write_page
+from pgdl_lab.studies.stability.run import StabilitySettings, all_trials
+from pgdl_lab.studies.stability.verdict import BAR, SILENT, counts
 from pgdl_lab.tasks import Job
 
 _log = logging.getLogger(__name__)

@@ -4,11 +4,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pgdl_lab import pipeline
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.search.trial import ticket
+from pgdl_lab.running import pipeline
+from pgdl_lab.running.tracking import tracked_run
+from pgdl_lab.running.trial import ticket
 from pgdl_lab.tasks import Job
-from pgdl_lab.tracking import tracked_run
 
 
 def run(job: Job) -> float:

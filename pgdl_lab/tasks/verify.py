@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.files import replacing
+from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.files import replacing
+from pgdl_lab.studies.verification import discover
+from pgdl_lab.studies.verification.benchmark import BENCHMARKS, Row
+from pgdl_lab.studies.verification.benchmark import run as checks
 from pgdl_lab.tasks import Job
-from pgdl_lab.verification import discover
-from pgdl_lab.verification.benchmark import BENCHMARKS, Row
-from pgdl_lab.verification.benchmark import run as checks
 
 _log = logging.getLogger(__name__)
 

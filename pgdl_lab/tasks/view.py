@@ -2,14 +2,14 @@
 
 import logging
 
-from pgdl_lab import paths
-from pgdl_lab.cache import simulate
-from pgdl_lab.deploy.viewer import page
-from pgdl_lab.files import replacing
-from pgdl_lab.folders import stored_surrogate
-from pgdl_lab.registry import describe
+from pgdl_lab.core import paths
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import describe
+from pgdl_lab.running.cache import simulate
+from pgdl_lab.running.folders import stored_surrogate
+from pgdl_lab.running.tracking import add_artifacts
+from pgdl_lab.surrogate.viewer import page
 from pgdl_lab.tasks import Job
-from pgdl_lab.tracking import add_artifacts
 
 _log = logging.getLogger(__name__)
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgdl_lab import __version__
-from pgdl_lab.errors import InputError
-from pgdl_lab.fem import Fem, SimulationStopped
-from pgdl_lab.finger import Finger
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import describe, register
+from pgdl_lab.core.snapshots import Body, Observation, Snapshots
 from pgdl_lab.mechanics.calculix_program import program, version
-from pgdl_lab.registry import describe, register
-from pgdl_lab.snapshots import Body, Observation, Snapshots
+from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.finger import Finger
 
 if TYPE_CHECKING:
     from pgdl_lab.mechanics.calculix import Course

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.fem import Fem
-from pgdl_lab.finger import Finger
-from pgdl_lab.registry import register
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
+from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.mechanics.finger import Finger
 
 CAUTION = (
     "fem=section was calibrated on finger=pneunet and does not know its own error, which can be tens of per cent on "

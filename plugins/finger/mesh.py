@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
 from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.meshaxes import rotation
 from pgdl_lab.mechanics.meshfile import MM
 from pgdl_lab.mechanics.meshparts import Parts
 from pgdl_lab.mechanics.meshsurface import is_surface
-from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
     from skfem import Mesh as FemMesh

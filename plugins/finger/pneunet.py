@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
+from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.profile import Profile, Region
-from pgdl_lab.registry import register
 
 
 @register("finger", "pneunet")

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.loss import Loss
-from pgdl_lab.registry import register
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
+from pgdl_lab.learning.loss import Loss
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
+    from pgdl_lab.learning.scene import Scene
 
 
 @register("loss", "boundary")

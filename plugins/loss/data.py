@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from pgdl_lab.loss import Loss
-from pgdl_lab.registry import register
+from pgdl_lab.core.registry import register
+from pgdl_lab.learning.loss import Loss
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
+    from pgdl_lab.learning.scene import Scene
 
 
 @register("loss", "data")

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
 from pgdl_lab.learning.plane_loss import PlaneLoss
-from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from pgdl_lab.finger import Finger
-    from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
+    from pgdl_lab.learning.scene import Scene
+    from pgdl_lab.mechanics.finger import Finger
 
 
 @register("loss", "equilibrium")

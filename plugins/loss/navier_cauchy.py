@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.loss import PhysicsLoss
-from pgdl_lab.registry import register
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
+from pgdl_lab.learning.loss import PhysicsLoss
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from pgdl_lab.finger import Finger
-    from pgdl_lab.learning.data import Scene
     from pgdl_lab.learning.jet import Jet
+    from pgdl_lab.learning.scene import Scene
+    from pgdl_lab.mechanics.finger import Finger
 
 FORMS = ("published", "corrected")
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.registry import register
 from pgdl_lab.mechanics.invariants import first_invariant, second_invariant
 from pgdl_lab.mechanics.material import CalculixCard, Material
 from pgdl_lab.mechanics.response import Isochoric
-from pgdl_lab.registry import register
 
 
 @register("material", "mooney_rivlin")

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
 from pgdl_lab.learning.neural import NeuralModel
-from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -43,7 +43,7 @@ class Body(NeuralModel):
     def new_field(self, training: Training) -> ModalField:
         import torch
 
-        from pgdl_lab.learning.triangulation import Triangulation
+        from pgdl_lab.surrogate.triangulation import Triangulation
 
         scene = training.scene
         count = min(self.modes, len(scene.points_mm) // 4)

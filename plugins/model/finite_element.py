@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pgdl_lab.core.registry import register
 from pgdl_lab.learning.linear import LinearModel
-from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.model import Model
-from pgdl_lab.registry import describe, register
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import describe, register
+from pgdl_lab.learning.model import Model
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from pgdl_lab.learning.data import Training
-    from pgdl_lab.learning.process_surrogate import ProcessSurrogate
-    from pgdl_lab.loss import Loss
-    from pgdl_lab.record import Record
+    from pgdl_lab.learning.loss import Loss
+    from pgdl_lab.surrogate.process_surrogate import ProcessSurrogate
+    from pgdl_lab.surrogate.record import Record
 
 
 @register("model", "gaussian_process")
@@ -40,7 +40,7 @@ class GaussianProcess(Model):
     modes: int = 32
 
     def __post_init__(self) -> None:
-        from pgdl_lab.learning.process_surrogate import MOST_POINTS
+        from pgdl_lab.surrogate.process_surrogate import MOST_POINTS
 
         for name in ("points", "modes"):
             if getattr(self, name) < 1:
@@ -62,8 +62,8 @@ class GaussianProcess(Model):
         from pgdl_lab.learning.gaussian_process import fitted
         from pgdl_lab.learning.linear import tell_left_out
         from pgdl_lab.learning.threads import threads
-        from pgdl_lab.learning.triangulation import Triangulation
-        from pgdl_lab.record import Record
+        from pgdl_lab.surrogate.record import Record
+        from pgdl_lab.surrogate.triangulation import Triangulation
 
         tell_left_out("gaussian_process", self.left_out(training.losses))
         scene, rng = training.scene, np.random.default_rng(training.seed)
@@ -75,6 +75,6 @@ class GaussianProcess(Model):
         return self.restore(state, Record(training.whole.ranges(), dict(training.provenance), face=scene.face))
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> ProcessSurrogate:
-        from pgdl_lab.learning.process_surrogate import ProcessSurrogate
+        from pgdl_lab.surrogate.process_surrogate import ProcessSurrogate
 
         return ProcessSurrogate(describe(self), record, state)

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
-from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.registry import describe, names, register
 from pgdl_lab.learning.neural import TrainedModel
-from pgdl_lab.registry import describe, names, register
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.guided import GuidedField
-    from pgdl_lab.loss import Loss
-    from pgdl_lab.record import Record
-    from pgdl_lab.surrogate import Surrogate
+    from pgdl_lab.learning.loss import Loss
+    from pgdl_lab.surrogate.record import Record
+    from pgdl_lab.surrogate.surrogate import Surrogate
 
 _log = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ class Hybrid(TrainedModel):
     def fit(self, training: Training) -> Surrogate:
         from pgdl_lab.learning.clock import Clock
         from pgdl_lab.learning.linear import BOUNDARY, DATA
-        from pgdl_lab.record import Record
+        from pgdl_lab.surrogate.record import Record
 
         self.left_out(training.losses)
         clock = Clock(training.trainer.max_seconds)
@@ -162,7 +162,8 @@ class Hybrid(TrainedModel):
 
         The closed form has the time that is left after `spent_s` [s].
         """
-        from pgdl_lab.learning.pod import closed_form, compressed
+        from pgdl_lab.learning.compression import compressed
+        from pgdl_lab.learning.pod import closed_form
         from pgdl_lab.learning.threads import threads
 
         record = replace(record, ranges=training.whole.ranges())
@@ -171,6 +172,6 @@ class Hybrid(TrainedModel):
         return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> Surrogate:
-        from pgdl_lab.learning.nodal_surrogate import NodalSurrogate
+        from pgdl_lab.surrogate.nodal_surrogate import NodalSurrogate
 
         return NodalSurrogate(describe(self), record, state)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
 from pgdl_lab.learning.neural import NeuralModel
-from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
     from torch import Tensor

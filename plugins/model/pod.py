@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
 from pgdl_lab.learning.linear import LinearModel
-from pgdl_lab.registry import register
 
 if TYPE_CHECKING:
     from torch import Tensor

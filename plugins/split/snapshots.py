@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.registry import register
-from pgdl_lab.split import Split
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import register
+from pgdl_lab.core.split import Split
 
 
 @register("split", "snapshots")

@@ -15,15 +15,15 @@ from rich.console import Console
 from pgdl_lab.assessment import figures
 from pgdl_lab.assessment.assess import Labels, assess
 from pgdl_lab.assessment.comparison import Comparison
-from pgdl_lab.assessment.curvature import mean_curvature_per_m, rms_distance_mm
 from pgdl_lab.assessment.paper import PUBLISHED, Published, comparable, published
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.assessment.yardstick import measure
-from pgdl_lab.deploy.probe import Probe
+from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.mechanics.material import Yeoh
-from pgdl_lab.record import Record
-from pgdl_lab.registry import discover, names, plugin
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate.curvature import mean_curvature_per_m, rms_distance_mm
+from pgdl_lab.surrogate.probe import Probe
+from pgdl_lab.surrogate.record import Record
+from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.synthetic import MAX_KPA, bend
 from tests.trainings import TRAIN, small, training
 

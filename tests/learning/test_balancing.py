@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import plugin
 from pgdl_lab.learning.balancing import Balancer, BalancingSettings
 from pgdl_lab.learning.objective import Objective
-from pgdl_lab.registry import plugin
 from tests.trainings import training
 
 TERMS = {"strong": 100.0, "weak": 1.0}

@@ -8,11 +8,11 @@ import pytest
 import torch
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.learning import clock
 from pgdl_lab.learning.module import TrainingModule
 from pgdl_lab.learning.separable import SeparableRegression
-from pgdl_lab.learning.triangulation import Triangulation
-from pgdl_lab.registry import discover, names, plugin
+from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.trainings import small, training
 
 discover()

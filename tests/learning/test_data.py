@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pgdl_lab.learning import left_out
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.left_out import FEW, PARTS, bars_left_out, scores_left_out
 from pgdl_lab.learning.module import TrainingDiverged
+from pgdl_lab.learning.scene import Scene
 from tests.fingers import pneunet
 from tests.trainings import TRAIN, small, training
 

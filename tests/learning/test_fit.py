@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.learning.model import Model
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
-from pgdl_lab.model import Model
-from pgdl_lab.registry import discover, plugin
 from tests.trainings import TRAIN, small, training
 
 discover()

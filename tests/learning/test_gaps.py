@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import pgdl_lab
-from pgdl_lab.deploy import numpy_form
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.export import numpy_form
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.gaps import BLOCKS, FEWEST, Gap
-from pgdl_lab.registry import discover, plugin
 from tests.trainings import TRAIN, small, training
 
 discover()

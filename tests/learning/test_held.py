@@ -9,10 +9,10 @@ import pytest
 import scipy.stats
 import torch
 
-from pgdl_lab.learning.calibration import FEWEST, bar_deviations, covering, covering_line, fits
+from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.neural import TrainedModel
-from pgdl_lab.registry import discover, names, plugin
+from pgdl_lab.surrogate.calibration import FEWEST, bar_deviations, covering, covering_line, fits
 from tests.trainings import TRAIN, small, training
 
 discover()

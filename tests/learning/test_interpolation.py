@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pgdl_lab.learning.interpolation import interpolation_bars
-from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.surrogate.interpolation import interpolation_bars
+from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.learning.test_triangulation import rectangle
 
 PLACES = np.random.default_rng(0).uniform([0, 0], [2, 1], (400, 2))

@@ -8,11 +8,11 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.activations import ACTIVATIONS, DERIVATIVES
 from pgdl_lab.learning.jet import ROWS, Affine, nested, propagate
 from pgdl_lab.learning.layers import fully_connected
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.needs import need
 from tests.trainings import training
 

@@ -6,9 +6,9 @@ import pytest
 import torch
 from sklearn.linear_model import BayesianRidge
 
-from pgdl_lab.learning.calibration import covering_line
-from pgdl_lab.learning.last_layer import BEYOND, STATE, LastLayer, ridge_regression, scores
-from pgdl_lab.registry import discover, plugin
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.surrogate.calibration import covering_line
+from pgdl_lab.surrogate.last_layer import BEYOND, STATE, LastLayer, ridge_regression, scores
 from tests.trainings import TRAIN, small, training
 
 discover()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from pgdl_lab.learning.triangulation import Triangulation
-from pgdl_lab.registry import discover, plugin
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.trainings import small, training
 
 discover()

@@ -9,13 +9,13 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.learning.balancing import BalancingSettings
-from pgdl_lab.learning.data import Scene
 from pgdl_lab.learning.jet import Jet
+from pgdl_lab.learning.loss import Loss, PhysicsLoss
 from pgdl_lab.learning.objective import Objective
-from pgdl_lab.loss import Loss, PhysicsLoss
-from pgdl_lab.registry import discover, names, plugin
+from pgdl_lab.learning.scene import Scene
 from tests.conftest import composed
 from tests.trainings import training
 

@@ -7,13 +7,13 @@ import pytest
 import scipy.stats
 import torch
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.fit import fit
 from pgdl_lab.learning.levenberg_marquardt import LevenbergMarquardt
 from pgdl_lab.learning.module import surely_less
 from pgdl_lab.learning.objective import Objective
 from pgdl_lab.learning.stages import PATIENCE, Lbfgs
-from pgdl_lab.registry import discover, plugin
 from tests.trainings import training
 
 discover()

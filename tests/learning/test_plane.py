@@ -4,11 +4,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.plane import PlaneLaw, scalars
 from pgdl_lab.learning.plane_loss import STATES
 from pgdl_lab.mechanics.material import FirstInvariantMaterial, Yeoh
-from pgdl_lab.registry import discover, plugin
 
 discover()
 LAW = Yeoh(c3_mpa=0.003)

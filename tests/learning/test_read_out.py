@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from pgdl_lab.learning.triangulation import Triangulation
-from pgdl_lab.registry import discover, plugin
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.trainings import small, training
 
 discover()

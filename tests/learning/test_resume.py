@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning import clock
 from pgdl_lab.learning.fit import _prepared
 from pgdl_lab.learning.module import TrainingModule
 from pgdl_lab.learning.plan import Plan
-from pgdl_lab.registry import discover, plugin
 from tests.conftest import environment
 from tests.trainings import training
 

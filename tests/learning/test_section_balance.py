@@ -5,13 +5,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import ExtrudedFinger
-from pgdl_lab.learning.data import Scene
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.jet import Jet
 from pgdl_lab.learning.plane import PlaneLaw
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.section_balance import SectionBalance
-from pgdl_lab.registry import discover, plugin
+from pgdl_lab.mechanics.finger import ExtrudedFinger
 from tests.fingers import pneunet
 
 discover()

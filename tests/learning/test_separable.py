@@ -5,13 +5,14 @@ import pytest
 import scipy.linalg
 import torch
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning import clock
 from pgdl_lab.learning.clock import Clock
+from pgdl_lab.learning.compression import compressed
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.learning.pod import compressed, decompose, known
+from pgdl_lab.learning.pod import decompose, known
 from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
-from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.learning.test_triangulation import rectangle
 
 RANGE_KPA = np.array([0.0, 50.0])

@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pgdl_lab.learning.triangulation import Triangulation
+from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.synthetic import comb
 
 

@@ -7,20 +7,20 @@ import pytest
 from numpy.typing import NDArray
 from skfem import CellBasis, MeshHex
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.fem import SimulationStopped
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.fem import SimulationStopped
 from pgdl_lab.mechanics.finite_strain import LoadLeg
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.newton import NoConvergence
 from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.skin import bulge, sampled, skin
-from pgdl_lab.snapshots import Snapshots
-from pgdl_lab.verification.bodies import body
+from pgdl_lab.studies.verification.bodies import body
 from tests.fingers import OBSERVATION, pneunet, solid, tetrahedra
 
 GAP_MM = 1.0

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from skfem import MeshHex, MeshTet
 
-from pgdl_lab import registry
+from pgdl_lab.core import registry
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.solid import InvertedElement, Solid

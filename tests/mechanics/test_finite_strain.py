@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.mechanics import path
 from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.equilibrium import Balance, Load

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pgdl_lab import registry
-from pgdl_lab.errors import InputError
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.discretisation_error import refined
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finite_strain import Model

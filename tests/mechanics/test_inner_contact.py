@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skfem import MeshHex
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
 from pgdl_lab.mechanics.face import Face
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import History, Model
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.skin import skin

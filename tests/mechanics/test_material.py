@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pgdl_lab import registry
-from pgdl_lab.errors import InputError
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.invariants import COLUMNS, ROWS
 from pgdl_lab.mechanics.material import Material, Yeoh
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from skfem import MeshHex
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics import memory
 from pgdl_lab.mechanics.discretisation_error import refined
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from skfem import MeshHex
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.meshcheck import _spans, require_connected, require_sound, right_handed
 
 BRICK = np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 2, 0], [0, 0, 4], [1, 0, 4], [1, 2, 4], [0, 2, 4]], dtype=float)

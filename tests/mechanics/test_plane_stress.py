@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from pgdl_lab import registry
+from pgdl_lab.core import registry
 from pgdl_lab.mechanics.material import Material, Yeoh
 from pgdl_lab.mechanics.plane_stress import PlaneStress
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from skfem import FacetBasis, Mesh
 
-from pgdl_lab import registry
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.cavity import Cavity
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.meshcavity import chambers
 from tests.meshes import WIDTH, bricks, inside, save, skin, tetrahedra

@@ -10,7 +10,7 @@ from pgdl_lab.mechanics.lattice import Lattice
 from pgdl_lab.mechanics.profile import Profile, Region
 from pgdl_lab.mechanics.rod import Rod, Sections
 from pgdl_lab.mechanics.segments import between, columns, cuts
-from pgdl_lab.verification.bodies import settle
+from pgdl_lab.studies.verification.bodies import settle
 from tests.fingers import pneunet
 
 RANDOM = np.random.default_rng(0)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from skfem import MeshHex, MeshTet
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.collision import ends
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pgdl_lab import registry
-from pgdl_lab.cache import snapshot_path
-from pgdl_lab.errors import InputError, LabError
-from pgdl_lab.fem import Fem, SimulationStopped
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics.calculix import Increment, read_displacements, read_increments
 from pgdl_lab.mechanics.calculix_deck import FACES, deck
+from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
-from pgdl_lab.snapshots import Observation, Snapshots
+from pgdl_lab.running.cache import snapshot_path
 from tests.fingers import OBSERVATION, balloon, pneunet, solid
 from tests.needs import need
 

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pgdl_lab import registry
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.profile import Region
 from tests.fingers import OBSERVATION, solid
 

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.learning.triangulation import Triangulation
-from pgdl_lab.registry import discover, plugin
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.trainings import TRAIN, small, training
 
 discover()

@@ -11,15 +11,16 @@ import pytest
 import torch
 from numpy.polynomial.chebyshev import chebval
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.learning.data import Samples, Scene, Training
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.guide import gains, guide
 from pgdl_lab.learning.guided import GuidedField, product
 from pgdl_lab.learning.modal import DECAY
 from pgdl_lab.learning.pod import network_gains
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.snapshots import Snapshots
 from tests.fingers import OBSERVATION, pneunet, solid
 from tests.trainings import training
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import torch
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.learning.pod import compressed
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.learning.compression import compressed
 from pgdl_lab.learning.separable import chebyshev
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.surrogate import Surrogate
+from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.trainings import TRAIN, small, training
 
 discover()

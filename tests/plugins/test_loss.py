@@ -8,12 +8,13 @@ import torch
 from scipy.spatial import cKDTree
 
 from pgdl_lab.assessment.residuals import residuals
-from pgdl_lab.errors import InputError
-from pgdl_lab.learning.data import Samples, Scene
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.jet import Jet
+from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings
-from pgdl_lab.registry import discover, plugin
-from pgdl_lab.snapshots import Snapshots
 from tests.fingers import pneunet
 from tests.trainings import scene, small, training
 

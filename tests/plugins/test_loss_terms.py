@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.jet import Jet
-from pgdl_lab.registry import discover, plugin
 from tests.trainings import scene, small
 
 discover()

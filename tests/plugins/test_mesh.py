@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from skfem import Mesh, MeshHex, MeshTet
 
-from pgdl_lab import registry
-from pgdl_lab.cache import snapshot_path
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.meshcavity import chambers
 from pgdl_lab.mechanics.vtk import vtk_cells
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.running.cache import snapshot_path
 from tests.conftest import CHECKOUT
 from tests.fingers import OBSERVATION, pneunet, solid, tetrahedra
 

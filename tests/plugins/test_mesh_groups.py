@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from pgdl_lab import registry
+from pgdl_lab.core import registry
 from tests.conftest import composed
 from tests.fingers import from_file, refusal
 from tests.meshes import Array, Index, bricks, groups, plain, save, skin, swapped, tetrahedra

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from skfem import Mesh
 
-from pgdl_lab import registry
-from pgdl_lab.errors import InputError
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.meshaxes import rotation
 from pgdl_lab.mechanics.side import find, observe_side
 from tests.fingers import OBSERVATION, from_file, solid

@@ -7,13 +7,13 @@ import meshio
 import numpy as np
 import pytest
 
-from pgdl_lab import registry
-from pgdl_lab.cache import snapshot_path
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.meshaxes import rotation, within
 from pgdl_lab.mechanics.meshsurface import distances
-from pgdl_lab.snapshots import Observation
+from pgdl_lab.running.cache import snapshot_path
 from tests.conftest import composed
 from tests.fingers import from_file, solid
 from tests.meshes import Array, Index, bricks, chamber, groups, inside, save, skin, tetrahedra

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.registry import discover, plugin
 from tests.trainings import small, training
 
 discover()

@@ -2,8 +2,8 @@ from typing import Any
 
 import pytest
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.finger import ExtrudedFinger
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.mechanics.finger import ExtrudedFinger
 from tests.fingers import pneunet
 
 

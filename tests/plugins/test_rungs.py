@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pgdl_lab import registry
-from pgdl_lab.errors import InputError
-from pgdl_lab.fem import Fem, SimulationStopped
-from pgdl_lab.finger import Finger
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finger_rod import FingerRod
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.section import STATES, PlaneFinger
-from pgdl_lab.snapshots import Observation, Snapshots
 from tests.fingers import OBSERVATION, pneunet, solid
 
 

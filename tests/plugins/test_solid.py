@@ -2,8 +2,8 @@ import meshio
 import numpy as np
 import pytest
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.snapshots import Snapshots
 from tests.fingers import OBSERVATION, pneunet, solid
 
 

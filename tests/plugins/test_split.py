@@ -4,9 +4,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pgdl_lab.errors import InputError
-from pgdl_lab.registry import discover, names, plugin
-from pgdl_lab.split import Split
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, names, plugin
+from pgdl_lab.core.split import Split
 from tests.synthetic import snapshots
 from tests.trainings import small
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from pgdl_lab import registry
 from pgdl_lab.cli import store_choices
-from pgdl_lab.errors import InputError
+from pgdl_lab.core import registry
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.search import objectives
 from pgdl_lab.search.calibration import dimensions, targets
 from pgdl_lab.search.space import parse

@@ -7,15 +7,15 @@ import numpy as np
 import optuna
 import pytest
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.registry import discover, plugin
+from pgdl_lab.running.trial import Ticket
 from pgdl_lab.search import objectives
 from pgdl_lab.search.pruning import Pruning
 from pgdl_lab.search.report import mesh_error
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.storage import open_storage
-from pgdl_lab.search.trial import Ticket
 from tests.trainings import TRAIN, small, training
 
 discover()

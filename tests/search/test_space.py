@@ -5,7 +5,7 @@ from hydra_plugins.pgdl_optuna import PgdlOptunaSweeper
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import FixedTrial
 
-from pgdl_lab.errors import InputError
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import parse
 

@@ -9,7 +9,7 @@ import pytest
 from optuna.storages.journal._storage import JournalOperation
 from optuna.trial import FrozenTrial, TrialState
 
-from pgdl_lab.errors import InputError, LabError
+from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.search.postgresql import PostgresJournal
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import parse

@@ -12,10 +12,10 @@ TOY = '''
 import time
 from dataclasses import dataclass
 import numpy as np
-from pgdl_lab.errors import LabError
-from pgdl_lab.fem import Fem
-from pgdl_lab.registry import register
-from pgdl_lab.snapshots import Snapshots
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.core.registry import register
+from pgdl_lab.core.snapshots import Snapshots
 from tests.synthetic import snapshots
 
 @register("fem", "toy")

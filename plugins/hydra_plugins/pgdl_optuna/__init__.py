@@ -9,10 +9,10 @@ from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
-from pgdl_lab import sweep
-from pgdl_lab.folders import BEST
-from pgdl_lab.hydra_versions import register_resolver
-from pgdl_lab.registry import closest
+from pgdl_lab.core.registry import closest
+from pgdl_lab.running import sweep
+from pgdl_lab.running.folders import BEST
+from pgdl_lab.running.hydra_versions import register_resolver
 from pgdl_lab.search import calibration
 from pgdl_lab.search.settings import SearchSettings
 

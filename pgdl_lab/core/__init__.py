@@ -1,0 +1,1 @@
+"""What all rooms stand on: errors, files, paths, the registry of plugins, snapshots and splits."""

@@ -1,0 +1,107 @@
+"""The plugin kind `split`: which of the simulated points a surrogate is trained on."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.snapshots import Snapshots
+
+ROUNDING = 1e-9  # pressures are sums and products of floats: 0.88 · 50 kPa must include the snapshot at 44 kPa
+
+SELECTED = 2000  # points that a search selects by, at most: a training that it watches is not slowed down by them
+SELECTION = 2  # beside the seed: a random stream that nothing else draws from
+
+
+@dataclass(frozen=True)
+class Split(ABC):
+    """A rule that divides the points of all snapshots into training points, points to select by and test points.
+
+    A point of the data is one node of one snapshot; point `i` is node `i % N` of snapshot `i // N`.
+
+    Attributes
+    ----------
+    points
+        Number of training points.
+    """
+
+    points: int = 20_000
+
+    def __post_init__(self) -> None:
+        if self.points < 1:
+            raise InputError(f"split.points is {self.points}; a surrogate needs at least 1 training point.")
+
+    @abstractmethod
+    def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which snapshots may give training points: (P,) bool for rising pressures (P,) [kPa]."""
+
+    def highlights(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Indices of the snapshots that tables and figures show: at 20, 40 … 100 % of the highest pressure."""
+        return nearest(pressures_kpa, np.linspace(0.2, 1, 5) * pressures_kpa[-1])
+
+    def check(self, pressures_kpa: NDArray[np.float64], nodes: int) -> None:
+        """Refuse a split that cannot be made of snapshots at `pressures_kpa` (P,) [kPa] with `nodes` points each.
+
+        Needs no displacements, so that it can be asked before a long simulation.
+
+        Raises
+        ------
+        InputError
+            When no snapshot is in range, too many points are asked for, or no test point is left.
+        """
+        snapshots = int(self.seen(pressures_kpa).sum())
+        available, total = snapshots * nodes, len(pressures_kpa) * nodes
+        if snapshots == 0:
+            raise InputError(
+                f"No snapshot lies in the training range: the lowest pressure is {pressures_kpa[0]:g} kPa; "
+                "widen the split or raise observation.snapshots."
+            )
+        if self.points > available:
+            raise InputError(
+                f"split.points is {self.points}, but the {snapshots} training snapshots hold {available} points; "
+                "ask for fewer or raise observation.points."
+            )
+        if self.points == total:
+            raise InputError(
+                f"split.points is {self.points}, which is every point and leaves none to test on; ask for fewer."
+            )
+
+    def train_points(self, snapshots: Snapshots, seed: int) -> NDArray[np.int64]:
+        """Sorted indices (n,) of the training points, drawn evenly from the seen snapshots.
+
+        Raises
+        ------
+        InputError
+            See `check`.
+        """
+        nodes = len(snapshots.points)
+        self.check(snapshots.pressures_kpa, nodes)
+        seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
+        drawn = np.random.default_rng(seed).choice(len(seen) * nodes, self.points, replace=False)
+        return np.sort(seen[drawn // nodes] * nodes + drawn % nodes)
+
+    def selection_points(self, snapshots: Snapshots, train: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+        """Sorted indices (m,) of points that a search selects by: neither trained on nor tested on.
+
+        They are a tenth of the points of the seen snapshots that are not trained on, at most `SELECTED`. Snapshots that
+        give no training points are left to the test as a whole: who selects by them knows what they look like.
+
+        Parameters
+        ----------
+        snapshots, seed
+            See `train_points`.
+        train
+            (n,), indices of the training points.
+        """
+        nodes = len(snapshots.points)
+        seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
+        others = np.setdiff1d((seen[:, None] * nodes + np.arange(nodes)).ravel(), train, assume_unique=True)
+        count = min(SELECTED, len(others) // 10)
+        return np.sort(np.random.default_rng([seed, SELECTION]).choice(others, count, replace=False))
+
+
+def nearest(pressures_kpa: NDArray[np.float64], wanted_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Indices, each once and rising, of the pressures (P,) [kPa] that lie nearest to `wanted_kpa` (W,) [kPa]."""
+    return np.unique(np.abs(pressures_kpa[:, None] - wanted_kpa).argmin(axis=0))

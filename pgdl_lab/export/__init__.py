@@ -1,0 +1,1 @@
+"""Surrogates in other forms: plain NumPy arrays, torch.export, ONNX."""

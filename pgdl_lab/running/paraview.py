@@ -1,0 +1,95 @@
+"""Fields for ParaView: the whole body at its equilibria as VTU files in a row, the side face as an XDMF time series."""
+
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.core.files import replacing
+from pgdl_lab.core.snapshots import Body, Snapshots, writing
+from pgdl_lab.surrogate.surrogate import Surrogate
+
+
+def write_series(body: Body, folder: Path) -> Path:
+    """Write the undeformed mesh [mm] with the displacements [mm]; what ParaView calls time is the pressure [kPa].
+
+    Returns
+    -------
+    Path
+        The PVD file to open.
+    """
+    import meshio
+
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = []
+    for number, (kpa, displacement) in enumerate(zip(body.pressures_kpa, body.displacements, strict=True)):
+        name = f"body_{number:03d}.vtu"
+        mesh = meshio.Mesh(body.positions, [(body.cell_type, body.cells)], {"displacement_mm": displacement})
+        with replacing(folder / name) as temporary:
+            mesh.write(temporary, file_format="vtu")
+        entries.append(f'<DataSet timestep="{kpa:.9g}" file={quoteattr(name)}/>')
+    series = folder / "body.pvd"
+    with replacing(series) as temporary:
+        temporary.write_text(
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>\n'
+            + "\n".join(entries)
+            + "\n</Collection></VTKFile>\n"
+        )
+    return series
+
+
+def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
+    """Write what the finite elements and the surrogate say of the side face, one step per snapshot.
+
+    Fields: "fem_mm", "surrogate_mm" and "difference_mm" (surrogate less finite elements), as vectors in x, y and z, and
+    "error_bar_mm" where the surrogate has one. What ParaView calls time is the pressure [kPa]. The numbers lie beside
+    `path` in an HDF5 file.
+    """
+    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    fields = {
+        "fem_mm": in_space(snapshots.displacements),
+        "surrogate_mm": in_space(predicted),
+        "difference_mm": in_space(predicted - snapshots.displacements),
+        **({} if bars is None else {"error_bar_mm": bars}),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    numbers = path.with_suffix(".h5")
+    with writing(numbers) as file:
+        mesh = {"points": in_space(snapshots.points), "triangles": snapshots.triangles}
+        grid = [_item(file, name, array, numbers.name) for name, array in mesh.items()]
+        steps = []
+        for number, kpa in enumerate(snapshots.pressures_kpa):
+            attributes = [
+                f'<Attribute Name="{name}" AttributeType="{"Vector" if field.ndim == 3 else "Scalar"}" Center="Node">'
+                f"{_item(file, f'{name}/{number}', field[number], numbers.name)}</Attribute>"
+                for name, field in fields.items()
+            ]
+            steps.append(
+                f'<Grid GridType="Uniform"><Time Value="{float(kpa)!r}"/>'
+                f'<Geometry GeometryType="XYZ">{grid[0]}</Geometry>'
+                f'<Topology TopologyType="Triangle" NumberOfElements="{len(snapshots.triangles)}">{grid[1]}</Topology>'
+                + "".join(attributes)
+                + "</Grid>"
+            )
+    with replacing(path) as temporary:
+        temporary.write_text(
+            '<Xdmf Version="3.0"><Domain>\n<Grid GridType="Collection" CollectionType="Temporal">\n'
+            + "\n".join(steps)
+            + "\n</Grid></Domain></Xdmf>\n"
+        )
+
+
+def in_space(plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (…, 2) along x and z as vectors (…, 3) along x, y and z."""
+    return np.insert(plane, 1, 0.0, axis=-1)
+
+
+def _item(file: Any, name: str, array: NDArray[Any], numbers: str) -> str:
+    """Store `array` in the HDF5 `file` as `name`; the XML element that refers to it there."""
+    file[name] = array
+    kind = "Int" if array.dtype.kind == "i" else "Float"
+    shape = " ".join(map(str, array.shape))
+    return f'<DataItem Format="HDF" NumberType="{kind}" Precision="8" Dimensions="{shape}">{numbers}:/{name}</DataItem>'

@@ -1,0 +1,1 @@
+"""What is measured with the lab: charts, choices, stability, verification."""

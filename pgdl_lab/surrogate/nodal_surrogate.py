@@ -1,0 +1,97 @@
+"""A surrogate of modes on a triangulated body, whose amplitudes are polynomials in the pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.core.face_mesh import FaceMesh
+from pgdl_lab.surrogate.probe import PolynomialProbe, polynomials
+from pgdl_lab.surrogate.record import Record
+from pgdl_lab.surrogate.shapes import FLOATS, INDICES
+from pgdl_lab.surrogate.surrogate import Surrogate
+
+AT_NODE = 1e-9  # weight of other nodes below which a point is one
+
+Floats = NDArray[np.float64]
+
+
+class NodalSurrogate(Surrogate):
+    """u(x, p) = Σ modes(x) · amplitudes(p), linear between the nodes of the body; NumPy is all it needs.
+
+    Error bars are those of the values at the nodes and, between nodes, of linear interpolation, which is the greater
+    part of the error there; see `interpolation_bars`. These need SciPy: without it there are bars at nodes alone.
+
+    Parameters
+    ----------
+    model, record
+        See `Surrogate`.
+    state
+        "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "modes" (N, K, 2); "amplitudes" (D, K) [mm],
+        Chebyshev coefficients of the amplitudes of the K modes; "range_kpa" (2,), pressures mapped to −1 … 1. With
+        error bars also "spread" (N, D, L) [mm], square roots of the covariance of the nodes' Chebyshev coefficients;
+        "noise_mm" (); "bar_kpa" (B,) and "bar_deviations" (B,), pressures and the number of standard deviations that
+        make a bar there; where the body has a stretch without training points "bar_stretch" (N,), how many times
+        wider bars are.
+    """
+
+    shapes = {
+        "points_mm": (FLOATS, "N", 2),
+        "triangles": (INDICES, "T", 3),
+        "modes": (FLOATS, "N", "K", 2),
+        "amplitudes": (FLOATS, "D", "K"),
+        "range_kpa": (FLOATS, 2),
+        "spread": (FLOATS, "N", "D", "L"),
+        "noise_mm": (FLOATS,),
+        "bar_kpa": (FLOATS, "B"),
+        "bar_deviations": (FLOATS, "B"),
+        "bar_stretch": (FLOATS, "N"),
+    }
+
+    def __init__(self, model: Mapping[str, Any], record: Record, state: Mapping[str, NDArray[Any]]) -> None:
+        super().__init__(model, record)
+        # sums over arrays in another order would differ in the last bits
+        self._state = {name: np.asarray(array, order="C") for name, array in state.items()}
+        self._body = FaceMesh(state["points_mm"], state["triangles"])
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        return self._state
+
+    def probe(self, points_mm: Floats) -> PolynomialProbe:
+        corners, weights = self._body.locate(points_mm)
+        nodal = self._state["modes"][corners]  # (n, 3, K, 2)
+        share = weights[:, :, None, None]
+        local = share[:, 0] * nodal[:, 0] + share[:, 1] * nodal[:, 1] + share[:, 2] * nodal[:, 2]
+        return PolynomialProbe(local.transpose(1, 0, 2), self._state["amplitudes"], self._state["range_kpa"])
+
+    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
+        if "bar_deviations" not in self._state:
+            return None
+        corners, weights = self._body.locate(points_mm)
+        low, high = self._state["range_kpa"]
+        degree = len(self._state["amplitudes"])
+        chebyshev = np.array([polynomials((2 * kpa - low - high) / (high - low), degree) for kpa in pressures_kpa])
+        chebyshev = chebyshev.reshape(-1, degree)  # also without any pressure
+        roots = np.tensordot(chebyshev, self._state["spread"], axes=(1, 1))  # (P, N, L)
+        nodal_mm = np.sqrt((roots**2).sum(axis=2) + self._state["noise_mm"] ** 2)
+        if "bar_stretch" in self._state:
+            nodal_mm *= self._state["bar_stretch"]
+        # the deviation of a mean of three is at most the mean of the three
+        deviation_mm = np.einsum("nc,pnc->pn", weights, nodal_mm[:, corners])
+        factor = np.interp(pressures_kpa, self._state["bar_kpa"], self._state["bar_deviations"])
+        bars_mm: Floats = factor[:, None] * deviation_mm
+        between = weights.max(axis=1) < 1 - AT_NODE
+        if between.any():
+            try:
+                from pgdl_lab.surrogate.interpolation import interpolation_bars
+                from pgdl_lab.surrogate.triangulation import Triangulation
+            except ModuleNotFoundError:  # a robot without SciPy
+                return None
+            body = Triangulation(self._body.points_mm, self._body.triangles)
+            nodal = np.einsum("pk,nkc->pnc", chebyshev @ self._state["amplitudes"], self._state["modes"])
+            more_mm = interpolation_bars(body, nodal, points_mm[between])
+            bars_mm[:, between] = np.hypot(bars_mm[:, between], more_mm)
+        return bars_mm
