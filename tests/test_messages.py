@@ -6,8 +6,14 @@ import subprocess
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import OverrideParseException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
+from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.learning.settings import TrainerSettings
 from pgdl_lab.running.messages import command, sentence, typed
+
+discover()
 
 VALUES = [
     "plain.vtu", "/a/b-c_1.msh", "ä.vtu", "o'n.vtu", "it's \"so\".vtu", "two words", "p%20q", "q?r", "x<1 and z>=2",
@@ -42,3 +48,24 @@ def test_text_with_signs_is_quoted_by_the_refusal() -> None:
             OverridesParser.create().parse_overrides([override])
         told = sentence(error.value)
         assert "quote the value" in told and typed_instead in told and "\n" not in told
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "told"),
+    [
+        ("model.depth", "two", "model.depth is 'two'; it must be a whole number, such as 4."),
+        ("model.depth", 1.5, "model.depth is 1.5; it must be a whole number, such as 4."),
+        ("model.depth", [1], "model.depth is [1]; it must be a whole number, such as 4."),
+        ("model.depth", None, "model.depth is null; it must have a value: leave it out to have its default."),
+        ("model.interval", 3, "model.interval is 3; it must be a list, such as [1,2]."),
+        ("model.interval", ["a"], "model.interval[0] is 'a'; it must be a number, such as 0.5."),
+        ("trainer.progress", "maybe", "trainer.progress is 'maybe'; it must be true or false."),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_told_in_the_words_of_the_lab(setting: str, value: object, told: str) -> None:
+    config = OmegaConf.create({"model": OmegaConf.structured(plugin("model", "mlp")), "trainer": TrainerSettings})
+    for part in config.values():
+        OmegaConf.set_readonly(part, False)
+    with pytest.raises(OmegaConfBaseException) as error:
+        OmegaConf.update(config, setting, value)
+    assert sentence(error.value) == told

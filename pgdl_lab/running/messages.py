@@ -19,10 +19,10 @@ from pgdl_lab.running.experiment import not_chosen
 EXPECTED = (LabError, HydraException, OmegaConfBaseException)
 """Errors whose sentence says all; others need their traceback."""
 TYPES = {
-    r"Value '(.*)' of type '\w+' could not be converted to Integer": "a whole number, such as 4",
-    r"Value '(.*)' of type '\w+' could not be converted to Float": "a number, such as 0.5",
-    r"Value '(.*)' is not a valid bool": "true or false",
-    r"is not a ListConfig, list or tuple": "a list, such as [1,2]",
+    "could not be converted to Integer": "a whole number, such as 4",
+    "could not be converted to Float": "a number, such as 0.5",
+    "is not a valid bool": "true or false",
+    "is not a ListConfig, list or tuple": "a list, such as [1,2]",
 }
 """What OmegaConf says of a value, and what its setting takes instead."""
 
@@ -38,7 +38,7 @@ def sentence(error: BaseException) -> str:
             return _unknown_key(cause)
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
             text, raised, inner = str(cause.msg).splitlines()[0].partition(" raised while resolving interpolation: ")
-            return inner if raised else _wrong_type(cause.full_key, text) or f"{cause.full_key}: {text}"
+            return inner if raised else _wrong_type(cause.full_key, text, cause.value) or f"{cause.full_key}: {text}"
         if isinstance(cause, OverrideParseException):
             return _unreadable(cause)
     choice = re.search(r"(?:find|load) '([\w/]+)/([^/']+)'", str(error))
@@ -78,12 +78,11 @@ def _unknown_key(error: ConfigKeyError | ConfigAttributeError) -> str:
     return _unknown(name, known, f"{place} field" if place else "choice or setting")
 
 
-def _wrong_type(setting: str, told: str) -> str:
+def _wrong_type(setting: str, told: str, value: object) -> str:
     """What OmegaConf says of a value of another type than its setting; empty of anything else."""
     for pattern, must in TYPES.items():
-        if found := re.search(pattern, told):
-            value = f"'{found[1]}'" if found.groups() else "no list"
-            return f"{setting} is {value}; it must be {must}."
+        if re.search(pattern, told):
+            return f"{setting} is {value!r}; it must be {must}."
     if re.search("is not Optional|Incompatible value 'None'", told):
         return f"{setting} is null; it must have a value: leave it out to have its default."
     return ""
