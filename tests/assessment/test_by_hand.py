@@ -17,7 +17,8 @@ class Watched:
     """Predictions of which the first takes a minute, and then the k-th `milliseconds(k)`."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, milliseconds: Any) -> None:
-        self.now_s, self.calls, self.milliseconds, self.seen = 0.0, 0, milliseconds, set()
+        self.now_s, self.calls, self.milliseconds = 0.0, 0, milliseconds
+        self.seen: set[tuple[int, float, int]] = set()
         monkeypatch.setattr(latency, "time", SimpleNamespace(perf_counter=lambda: self.now_s))
 
     def predict(self, points: np.ndarray, kpa: float, *, beyond: bool) -> None:
