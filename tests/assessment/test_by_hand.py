@@ -10,6 +10,7 @@ import torch
 
 from pgdl_lab.assessment import latency
 from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.assessment.curvature import mean_curvature_per_m
 from tests.trainings import small
 
 
@@ -17,7 +18,8 @@ class Watched:
     """Predictions of which the first takes a minute, and then the k-th `milliseconds(k)`."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, milliseconds: Any) -> None:
-        self.now_s, self.calls, self.milliseconds, self.seen = 0.0, 0, milliseconds, set()
+        self.now_s, self.calls, self.milliseconds = 0.0, 0, milliseconds
+        self.seen: set[tuple[int, float, int]] = set()
         monkeypatch.setattr(latency, "time", SimpleNamespace(perf_counter=lambda: self.now_s))
 
     def predict(self, points: np.ndarray, kpa: float, *, beyond: bool) -> None:
@@ -80,3 +82,14 @@ def test_curvatures_are_those_of_simulation_and_surrogate() -> None:
     assert rows[4]["surrogate_per_m"] == pytest.approx(-5.0, rel=1e-3)
     apart = np.linalg.norm((upwards - downwards)[0, data.base], axis=1)
     assert rows[4]["rms_distance_mm"] == pytest.approx(np.sqrt((apart**2).mean()))
+
+
+def test_curvature_is_the_turning_by_the_length_however_a_line_lies_and_bends() -> None:
+    """A line that leaves at 0.7 rad and whose curvature falls evenly from 30 to 10 per metre over 60 mm."""
+    s = np.linspace(0, 60, 6001)
+    angle = 0.7 + 0.03 * s - 0.02 * s**2 / 120
+    step = np.diff(s)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)[1:]
+    line = np.concatenate([[[5.0, -3.0]], [5.0, -3.0] + np.cumsum(step, axis=0)])
+    assert mean_curvature_per_m(line[::100]) == pytest.approx(20.0, rel=1e-3)
+    # six points tell no more than a polynomial of degree 5
+    assert mean_curvature_per_m(line[::1200]) == pytest.approx(20.0, rel=2e-2)

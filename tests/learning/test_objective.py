@@ -114,3 +114,20 @@ def test_nothing_to_minimise_is_refused(tmp_path: Path) -> None:
     mlp = plugin("model", "mlp")(depth=1, width=8).new_field(how)
     with pytest.raises(InputError, match=r"loss=\[\] leaves nothing to minimise"):
         Objective(mlp, {}, how.samples, how.scene, BalancingSettings())
+
+
+@pytest.mark.parametrize(
+    ("activation", "losses", "named"),
+    [
+        ("relu", ["data", "navier_cauchy", "boundary"], ["navier_cauchy"]),
+        ("tanh", ["data", "navier_cauchy"], []),
+        ("relu", ["data", "boundary"], []),
+    ],
+)
+def test_terms_that_a_piecewise_linear_network_cannot_serve_are_named(
+    activation: str, losses: list[str], named: list[str], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    how = training(tmp_path, {name: {} for name in losses})
+    mlp = plugin("model", "mlp")(depth=1, width=8, activation=activation).new_field(how)
+    Objective(mlp, how.losses, how.samples, how.scene, BalancingSettings())
+    assert [message.split()[1] for message in caplog.messages if "second derivatives" in message] == named

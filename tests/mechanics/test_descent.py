@@ -120,7 +120,7 @@ def test_a_step_is_halved_until_elements_are_valid_and_the_energy_has_fallen_eno
     assert line({1.0: None, 0.5: 3.0, 0.25: -1.0}, descent=-10.0) == 0.25
     assert line({1.0: 5.0}, descent=np.inf) == 1.0  # any energy will do
     assert line({0.75: 1.0, 0.375: -1.0}, descent=-1.0, longest=0.75) == 0.375
-    halves = {2.0**-k: 1.0 for k in range(20)}
+    halves: dict[float, float | None] = {2.0**-k: 1.0 for k in range(20)}
     with pytest.raises(NoConvergence):
         line(halves, descent=-1.0)
     assert line({**halves, 2.0**-9: -1.0}, descent=-1.0) == 2.0**-9  # above a thousandth
@@ -184,8 +184,9 @@ class Soft:
 
 def test_newton_takes_the_first_step_whole_and_lowers_the_energy_by_every_other() -> None:
     spring: Any = Soft()
+    solver: Any = Diagonal()
     load: Any = None
-    solution = solve(spring, Diagonal(), np.full((1, 1), -5.0), load, 1e-9)
+    solution = solve(spring, solver, np.full((1, 1), -5.0), load, 1e-9)
     assert solution.displacement[0, 0] == pytest.approx(1.5, abs=1e-12)
     places, energies = zip(*spring.visited, strict=True)
     assert places[1] == pytest.approx(-5 + 26 * (np.arctan(5) + np.arctan(1.5)))  # the whole way, to some 56
@@ -228,7 +229,7 @@ def test_bfgs_sees_an_energy_no_better_than_its_round_off() -> None:
     assert cut({1.0: -0.85e-4, 0.5: -1.0}, start=1e8) < 1
 
 
-def descended(accuracy: float, steps: int) -> tuple[float, bool]:
+def descended(accuracy: float, steps: int) -> tuple[Any, bool]:
     """One spring of 1 N/mm from 100 mm to 104 mm, with a solver that takes it for 1.25 N/mm; another is at rest."""
     rest = np.array([[104.0, 7.0]])
 

@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 from pgdl_lab.core import registry
 from pgdl_lab.mechanics.material import Material, Yeoh
 from pgdl_lab.mechanics.plane_stress import PlaneStress
+from pgdl_lab.mechanics.solid import InvertedElement
 
 registry.discover()
 
@@ -54,3 +55,19 @@ def test_law_in_the_plane_is_that_of_the_thickness_with_the_least_energy(
         )
         row = double * (above - below)[:, 0] / (2 * step)
         np.testing.assert_allclose(found.tangent[:, place, 0][[*IN_PLANE]], row[[*IN_PLANE]], atol=2e-6)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+def test_points_that_are_found_at_once_wait_for_the_others(law: Material) -> None:
+    c = np.array([[a, 1.0, b, 0.0, 0.0, shear] for a, b, shear in STATES]).T
+    together = PlaneStress(law).isochoric(c, tangent=True)
+    for number, state in enumerate(STATES):
+        assert together.energy[number] == pytest.approx(energy(law, np.array(state)), abs=1e-12)
+        alone = PlaneStress(law).isochoric(c[:, [number]], tangent=True)
+        assert together.tangent is not None and alone.tangent is not None
+        np.testing.assert_allclose(together.tangent[..., number], alone.tangent[..., 0], rtol=1e-9, atol=1e-12)
+
+
+def test_what_is_no_number_has_no_thickness() -> None:
+    with pytest.raises(InvertedElement):
+        PlaneStress(LAWS[0]).isochoric(np.array([np.nan, 1.0, 1.0, 0.0, 0.0, 0.0])[:, None], tangent=False)
