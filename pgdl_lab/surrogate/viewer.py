@@ -6,14 +6,15 @@ import base64
 import html
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from pgdl_lab.core.snapshots import Snapshots
-from pgdl_lab.surrogate.surrogate import Surrogate
+from pgdl_lab.surrogate.probe import Probe
+from pgdl_lab.surrogate.record import Face
 
 Floats = NDArray[np.float64]
 
@@ -23,6 +24,20 @@ CLOSE_MM = 1e-4  # a polynomial this close to the surrogate stands for it
 CHECKED = 25  # pressures at which that is checked
 SHOWN = 21  # snapshots that are kept at most
 COLOURS = {"size": "viridis", "error": "magma", "signed": "RdYlBu_r"}
+
+
+class Surrogate(Protocol):
+    """What the page needs of a surrogate."""
+
+    model: dict[str, Any]
+
+    @property
+    def face(self) -> Face: ...
+    @property
+    def ranges(self) -> dict[str, list[float]]: ...
+    def probe(self, points_mm: Floats) -> Probe: ...
+    def trained_kpa(self) -> tuple[float, float]: ...
+    def allowed_kpa(self) -> tuple[float, float]: ...
 
 
 def page(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> str:
