@@ -12,23 +12,20 @@ the finer meshes besides; trainings that the climb did not need are not counted 
 Each scene is stored under runs/choose_scenes as soon as it is done, and not repeated.
 """
 
-import argparse
-import hashlib
-import json
+import math
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from omegaconf import OmegaConf
-from rich.console import Console
-from rich.table import Table
 
-from pgdl_lab.core import paths
-from pgdl_lab.core.files import replacing
+from benchmarks import common
+from benchmarks.scenes import COARSE, simulated
+from pgdl_lab.core import paths, sources
 from pgdl_lab.core.registry import describe, plugin
 from pgdl_lab.core.snapshots import Observation
-from pgdl_lab.running.cache import simulate
 from pgdl_lab.running.composing import experiment
 from pgdl_lab.running.experiment import Experiment
 from pgdl_lab.studies.chart.reference import Reference, find_reference
@@ -37,7 +34,6 @@ from pgdl_lab.studies.choosing.climb import largest
 from pgdl_lab.studies.choosing.settings import ChooseSettings
 from pgdl_lab.tasks.choose import choose
 
-STORE = paths.RUNS / "choose_scenes"
 SNAPSHOTS = paths.RUNS / "snapshots"
 REFERENCE = {"name": "solid", "edge_mm": 3.0, "newton_mm": 1e-4, "interpolation_mm": 1e-3, "estimate_error": False}
 OBSERVATION = Observation(snapshots=20, points=4439)
@@ -46,11 +42,12 @@ BUDGET_MS = 1.0  # so that a surrogate is needed
 
 @dataclass(frozen=True)
 class Scene:
-    """A finger, the tolerances to try, and edges of the coarser mesh of its reference [mm]."""
+    """A finger, the tolerances to try, edges of the coarser mesh of its reference [mm], and what is observed."""
 
     typed: tuple[str, ...]
     tolerances_mm: tuple[float, ...]
     reference_mm: float = 3.0
+    observation: Observation = OBSERVATION
 
 
 SCENES = {
@@ -65,42 +62,36 @@ SCENES = {
 }
 
 
+QUICK = Scene(("finger=pneunet", "finger.chambers=2", *COARSE), (1.0,), 6.0, Observation(snapshots=20, points=400))
+
+
 def main() -> None:
     """Run what is missing and print the table."""
-    parser = argparse.ArgumentParser(description="Promises of task=choose against references.")
-    parser.add_argument("--scene", action="append", choices=list(SCENES))
-    parser.add_argument("--tolerance", action="append", type=float, help="of the scene's own tolerances, these only")
-    parser.add_argument("--only-found", action="store_true", help="the table of what was run before")
-    given = parser.parse_args()
+    arguments = common.parser(__doc__)
+    arguments.add_argument("--scene", action="append", choices=list(SCENES))
+    arguments.add_argument("--tolerance", action="append", type=float, help="of the scene's own tolerances, these only")
+    arguments.add_argument("--only-found", action="store_true", help="the table of what was run before")
+    given = common.parsed(arguments)
+    store, _ = common.folders("choose_scenes", given.quick)
+    scenes = {"two_chambers": QUICK} if given.quick else {name: SCENES[name] for name in given.scene or SCENES}
     rows: list[tuple[str, float, dict[str, Any]]] = []
-    for name in given.scene or SCENES:
-        for tolerance in SCENES[name].tolerances_mm:
+    for name, scene in scenes.items():
+        for tolerance in scene.tolerances_mm:
             if given.tolerance and tolerance not in given.tolerance:
                 continue
-            found = result(name, tolerance, given.only_found)
+            found = result(store, name, scene, tolerance, given.only_found)
             if found is not None:
                 rows.append((name, tolerance, found))
     show(rows)
 
 
-def result(name: str, tolerance_mm: float, only_found: bool) -> dict[str, Any] | None:
+def result(store: Path, name: str, scene: Scene, tolerance_mm: float, only_found: bool) -> dict[str, Any] | None:
     """What one scene shows, from the store or run now."""
-    scene = SCENES[name]
     ladder = (paths.CONF / "task" / "choose.yaml").read_text()
-    digest = hashlib.sha256(json.dumps([scene.typed, scene.reference_mm, REFERENCE, ladder]).encode())
-    folders = [paths.ROOT / "pgdl_lab" / "choosing"]
-    for path in sorted(path for folder in folders for path in folder.glob("*.py")):
-        digest.update(path.read_bytes())
-    path = STORE / f"{name}-{tolerance_mm:g}-{digest.hexdigest()[:12]}.json"
-    if not path.is_file():
-        if only_found:
-            return None
-        found = run(scene, tolerance_mm)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(found, indent=1))
-    stored: dict[str, Any] = json.loads(path.read_text())
-    return {**stored, "uncertainty_mm": reference(scene, case_of(scene)).uncertainty.largest_mm}
+    known = common.digest([scene.typed, scene.reference_mm, REFERENCE, ladder, sources.digest([choose])])
+    path, never = store / f"{name}-{tolerance_mm:g}-{known}.json", -math.inf if only_found else math.inf
+    stored = common.kept(path, lambda: run(scene, tolerance_mm), never)
+    return stored and {**stored, "uncertainty_mm": reference(scene, case_of(scene)).uncertainty.largest_mm}
 
 
 def run(scene: Scene, tolerance_mm: float) -> dict[str, Any]:
@@ -121,13 +112,14 @@ def run(scene: Scene, tolerance_mm: float) -> dict[str, Any]:
 
 def case_of(scene: Scene) -> Experiment:
     """Finger, observation and split of a scene."""
-    case = replace(experiment(list(scene.typed)), observation=OBSERVATION)
-    return replace(case, split=replace(case.split, points=OBSERVATION.snapshots * OBSERVATION.points // 20))
+    seen = scene.observation
+    case = replace(experiment(list(scene.typed)), observation=seen)
+    return replace(case, split=replace(case.split, points=seen.snapshots * seen.points // 20))
 
 
 def reference(scene: Scene, case: Experiment) -> Reference:
     """What errors are measured against."""
-    judged = Observation(5, OBSERVATION.points)
+    judged = Observation(5, scene.observation.points)
     return find_reference(case.finger, {**REFERENCE, "edge_mm": scene.reference_mm}, judged, SNAPSHOTS)
 
 
@@ -149,7 +141,7 @@ def brute_force_s(scene: Scene, case: Experiment, choice: Choice) -> float:
     for edge in (scene.reference_mm, scene.reference_mm / 2):
         at = replace(fine, edge_mm=edge)
         if getattr(choice.fem, "edge_mm", None) != edge or describe(choice.fem)["name"] != "solid":
-            snapshots, *_ = simulate(case.finger, at, Observation(5, OBSERVATION.points), SNAPSHOTS)
+            snapshots = simulated(replace(case, fem=at, observation=Observation(5, scene.observation.points)))
             times.append(snapshots.provenance["seconds"])
     return float(np.sum(times))
 
@@ -166,9 +158,8 @@ def verdict(tolerance_mm: float, found: dict[str, Any]) -> str:
 
 def show(rows: list[tuple[str, float, dict[str, Any]]]) -> None:
     """The table and the hit rate."""
-    table = Table(title="Promises of task=choose")
-    for heading in ("scene", "mm", "chosen", "promised", "error", "reference ±", "verdict", "time s", "brute force s"):
-        table.add_column(heading, justify="left" if heading in ("scene", "chosen", "verdict") else "right")
+    headings = ("scene", "mm", "chosen", "promised", "error", "reference ±", "verdict", "time s", "brute force s")
+    table = common.table("Promises of task=choose", headings)
     number = "{:.2g}".format
     for name, tolerance, found in rows:
         fem, model = found["fem"], found["model"]
@@ -180,7 +171,7 @@ def show(rows: list[tuple[str, float, dict[str, Any]]]) -> None:
         )
         times = (f"{found['spent_s']:.0f}", f"{found['brute_force_s']:.0f}")
         table.add_row(name, f"{tolerance:g}", chosen, *numbers, verdict(tolerance, found), *times)
-    Console(width=150).print(table)
+    common.show(table)
     verdicts = [verdict(tolerance, found) for _, tolerance, found in rows]
     promised = [each for each in verdicts if each != "refused"]
     kept = sum(each.startswith("kept") for each in promised)

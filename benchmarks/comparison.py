@@ -1,7 +1,7 @@
 """Every model on every finger and split: errors, training time, latency and failures in one table and one figure.
 
     python benchmarks/comparison.py                      # all of it: hours on two cores
-    python benchmarks/comparison.py --quick              # one seed, pneunet, short budgets: minutes
+    python benchmarks/comparison.py --quick              # one seed of a small pneunet, short budgets
     python benchmarks/comparison.py --finger pneunet --split random --model pod --model hybrid
 
 Each trial is stored under runs/comparison as soon as it ends; one that is found there is not run again, so that a
@@ -11,11 +11,7 @@ in BUDGETS_S; the network `body` its own budget, and LONGER_S with decaying weig
 would learn the training points by heart. Medians are over seeds. The figure is docs/figures/surrogates.png.
 """
 
-import argparse
-import hashlib
-import json
-import tempfile
-import time
+import math
 from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import getitem
@@ -23,29 +19,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks import common, scenes
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.latency import latency_ms
-from pgdl_lab.core import paths, registry
+from pgdl_lab.core import registry
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.files import replacing
-from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.learning.scene import Scene
-from pgdl_lab.running import cache
-from pgdl_lab.running.composing import experiment
 from pgdl_lab.running.experiment import Experiment
 
-FINGERS, SPLITS, SEEDS = ("pneunet", "joints", "bellows"), ("random", "extrapolate", "snapshots"), (0, 1, 2)
+SPLITS, SEEDS = ("random", "extrapolate", "snapshots"), (0, 1, 2)
 PAPER, DEFAULT, NETWORK = "paper", "hybrid", "body"
 LONGER_S = 240.0  # of `body`
 BUDGETS_S = (10.0, 30.0, 100.0, LONGER_S)  # of the paper's protocol, beside the wall time of the default
 DECAYING = ("optimizer.name=adamw", "optimizer.weight_decay=0.003", "trainer.validation=0.02")
 ENDLESS = 1_000_000  # epochs, so that the time ends a training
-STORE = paths.RUNS / "comparison"
-PAGE = paths.ROOT / "docs" / "comparison.md"
-FIGURE = paths.ROOT / "docs" / "figures" / "surrogates.png"
 
 
 @dataclass(frozen=True)
@@ -58,50 +47,50 @@ class Trial:
     seed: int
     budget_s: float | None = None
 
-    def experiment(self) -> Experiment:
+    def experiment(self, quick: bool) -> Experiment:
         """What is run."""
-        choices = [f"finger={self.finger}", f"split={self.split}", f"seed={self.seed}", "trainer.progress=false"]
+        choices = [f"split={self.split}", f"seed={self.seed}"]
         choices += ["experiment=paper_printed"] if self.model == PAPER else [f"model={self.model}"]
         if self.model == NETWORK and self.budget_s is not None:
             choices += DECAYING
         if self.budget_s is not None:
             choices += [f"trainer.max_time={self.budget_s:g}", f"trainer.max_epochs={ENDLESS}"]
-        return experiment(choices)
+        return scenes.scene(self.finger, *choices, quick=quick)
 
-    def result(self, only_found: bool) -> dict[str, Any] | None:
-        """What it shows: from the disk if it was run before, None if it was not and only what is there counts."""
-        experiment = self.experiment()
-        parts = [experiment.finger, experiment.fem, experiment.model, experiment.split, *experiment.loss.values()]
+
+@dataclass(frozen=True)
+class Store:
+    """Where trials are kept; whether they are small ones, and whether what is not there is run."""
+
+    folder: Path
+    quick: bool
+    only_found: bool
+
+    def result(self, trial: Trial) -> dict[str, Any] | None:
+        """What a trial shows: from the disk if it was run before, None if it was not and only what is there counts."""
+        made = trial.experiment(self.quick)
+        parts = [made.finger, made.fem, made.model, made.split, *made.loss.values()]
         settings = {
-            "trial": asdict(self), "parts": [registry.describe(part) for part in parts],
-            "rule": asdict(experiment.optimizer), "budget": asdict(experiment.trainer),
+            "trial": asdict(trial), "parts": [registry.describe(part) for part in parts],
+            "rule": asdict(made.optimizer), "budget": asdict(made.trainer),
         }  # fmt: skip
-        digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:12]
-        path = STORE / f"{self.finger}-{self.split}-{self.model}-{self.seed}-{digest}.json"
-        if not path.exists() and not only_found:
-            STORE.mkdir(parents=True, exist_ok=True)
-            found = {**settings, **run(experiment)}
-            with replacing(path) as temporary:
-                temporary.write_text(json.dumps(found, indent=1, default=str))
-        return json.loads(path.read_text()) if path.exists() else None
+        name = f"{trial.finger}-{trial.split}-{trial.model}-{trial.seed}-{common.digest(settings)}.json"
+        never = -math.inf if self.only_found else math.inf
+        return common.kept(self.folder / name, lambda: {**settings, **run(made)}, never)
+
+    def row(self, finger: str, split: str, label: str, trials: list[Trial]) -> "Row":
+        """A line of the table."""
+        return Row(finger, split, label, [found for trial in trials if (found := self.result(trial)) is not None])
 
 
-def run(experiment: Experiment) -> dict[str, Any]:
+def run(made: Experiment) -> dict[str, Any]:
     """Train and measure; a training that breaks down is a result too."""
-    finger = experiment.finger
-    snapshots, *_ = cache.simulate(finger, experiment.fem, experiment.observation, paths.RUNS / "snapshots")
-    train = experiment.split.train_points(snapshots, experiment.seed)
-    with tempfile.TemporaryDirectory() as folder:
-        training = Training.of(
-            Samples.of(snapshots, train), Scene.of(finger, snapshots), experiment.loss, experiment.trainer,
-            experiment.optimizer, experiment.seed, Path(folder), {},
-        )  # fmt: skip
-        start = time.perf_counter()
-        try:
-            surrogate = experiment.model.fit(training)
-        except LabError as error:
-            return {"failed": str(error)}
-        seconds = time.perf_counter() - start
+    snapshots = scenes.simulated(made)
+    train = made.split.train_points(snapshots, made.seed)
+    try:
+        surrogate, seconds = scenes.fitted(made, snapshots, train)
+    except LabError as error:
+        return {"failed": str(error)}
     surrogate.outside = "ignore"
     asked = snapshots.points, snapshots.pressures_kpa
     comparison = Comparison(snapshots, surrogate.predict(*asked), train, surrogate.error_bar(*asked))
@@ -114,7 +103,7 @@ def run(experiment: Experiment) -> dict[str, Any]:
         "seconds": seconds,
         "mse_mm2": mse_mm2,
         "error_bar": comparison.error_bar(),
-        "highlights": [comparison.by_pressure()[i] for i in experiment.split.highlights(snapshots.pressures_kpa)],
+        "highlights": [comparison.by_pressure()[i] for i in made.split.highlights(snapshots.pressures_kpa)],
         "extremes_mm": max(
             abs(ours - theirs)
             for axis in "xz"
@@ -158,31 +147,25 @@ class Row:
         return float(np.median(everywhere)), float(np.median(least))
 
 
-def rows(fingers: list[str], splits: list[str], models: list[str], seeds: list[int], budgets: list[float],
-         longer: list[float], only_found: bool) -> list[Row]:  # fmt: skip
+def rows(store: Store, fingers: list[str], splits: list[str], models: list[str], seeds: list[int],
+         budgets: list[float], longer: list[float]) -> list[Row]:  # fmt: skip
     """All lines of the table, running what has not been run."""
     lines = []
     for finger in fingers:
         for split in splits:
             ours = float("nan")
             for model in [name for name in models if name != PAPER]:
-                trials = [Trial(finger, split, model, seed) for seed in seeds]
-                line = _row(finger, split, model, trials, only_found)
+                line = store.row(finger, split, model, [Trial(finger, split, model, seed) for seed in seeds])
                 lines.append(line)
                 ours = line.median("seconds") if model == DEFAULT and line.good else ours
                 for budget in longer if model == NETWORK and split == "random" else []:
                     trials = [Trial(finger, split, model, seed, budget) for seed in seeds]
-                    lines.append(_row(finger, split, f"{model}, {budget:g} s, decay", trials, only_found))
+                    lines.append(store.row(finger, split, f"{model}, {budget:g} s, decay", trials))
             same = [float(np.ceil(ours))] if np.isfinite(ours) else []
             for budget in ([*same, *budgets] if split == "random" else same) if PAPER in models else []:
                 trials = [Trial(finger, split, PAPER, seed, budget) for seed in seeds]
-                lines.append(_row(finger, split, f"{PAPER}, {budget:g} s", trials, only_found))
+                lines.append(store.row(finger, split, f"{PAPER}, {budget:g} s", trials))
     return [line for line in lines if line.results]
-
-
-def _row(finger: str, split: str, label: str, trials: list[Trial], only_found: bool) -> Row:
-    found = [result for trial in trials if (result := trial.result(only_found)) is not None]
-    return Row(finger, split, label, found)
 
 
 HEADINGS = (
@@ -208,15 +191,13 @@ def cells(line: Row) -> list[str]:
 
 def table(lines: list[Row]) -> Table:
     """The comparison as a table."""
-    shown = Table(title="Medians over seeds; errors over unseen points; latency on one thread")
-    for number, heading in enumerate(HEADINGS):
-        shown.add_column(heading, justify="left" if number < 3 else "right")
+    shown = common.table("Medians over seeds; errors over unseen points; latency on one thread", HEADINGS, left=3)
     for line in lines:
         shown.add_row(*cells(line))
     return shown
 
 
-def write_page(lines: list[Row]) -> None:
+def write_page(lines: list[Row], path: Path) -> None:
     """The comparison as a Markdown page."""
     content = [
         "# Every surrogate on every finger and split", "",
@@ -227,24 +208,19 @@ def write_page(lines: list[Row]) -> None:
         f"| {' | '.join(HEADINGS)} |", "|" + " --- |" * len(HEADINGS),
         *(f"| {' | '.join(cells(line))} |" for line in lines), "",
     ]  # fmt: skip
-    with replacing(PAGE) as temporary:
+    with replacing(path) as temporary:
         temporary.write_text("\n".join(content), encoding="utf-8")
-    print(f"Page: {PAGE}")
+    print(f"Page: {path}")
 
 
-def draw(lines: list[Row]) -> None:
+def draw(lines: list[Row], path: Path) -> None:
     """Error against training time and against latency, random split."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     lines = [line for line in lines if line.split == "random" and line.good]
     if not lines:
         return
     models = list(dict.fromkeys(line.label.split(",")[0] for line in lines))
     fingers = list(dict.fromkeys(line.finger for line in lines))
-    figure, panels = plt.subplots(1, 2, figsize=(9, 3.9), layout="constrained", sharey=True)
+    figure, axes = common.panels(1, 2, (9, 3.9), sharey=True)
     for line in lines:
         model = line.label.split(",")[0]
         style: dict[str, Any] = {
@@ -252,56 +228,54 @@ def draw(lines: list[Row]) -> None:
             "mec": "white", "mew": 0.5,
         }  # fmt: skip
         mse = line.median("mse_mm2", "x") + line.median("mse_mm2", "z")
-        panels[0].plot(line.median("seconds"), mse, **style)
-        panels[1].plot(line.median("latency_ms", "full_field", "median"), mse, **style)
+        axes[0].plot(line.median("seconds"), mse, **style)
+        axes[1].plot(line.median("latency_ms", "full_field", "median"), mse, **style)
     for finger in fingers:
         curve = sorted((row.median("seconds"), row.median("mse_mm2", "x") + row.median("mse_mm2", "z"))
                        for row in lines if row.finger == finger and row.label.startswith(PAPER))  # fmt: skip
         if curve:
-            panels[0].plot(*zip(*curve, strict=True), color=f"C{models.index(PAPER)}", lw=1, zorder=1)
+            axes[0].plot(*zip(*curve, strict=True), color=f"C{models.index(PAPER)}", lw=1, zorder=1)
     for model in models:
-        panels[1].plot([], [], "o", color=f"C{models.index(model)}", label=model)
+        axes[1].plot([], [], "o", color=f"C{models.index(model)}", label=model)
     for finger in fingers if len(fingers) > 1 else []:
-        panels[1].plot([], [], "osD^v"[fingers.index(finger)], color="0.4", label=finger)
-    for panel, label in zip(panels, ("training time (s)", "latency of the full field (ms)"), strict=True):
+        axes[1].plot([], [], "osD^v"[fingers.index(finger)], color="0.4", label=finger)
+    for panel, label in zip(axes, ("training time (s)", "latency of the full field (ms)"), strict=True):
         panel.set(xscale="log", yscale="log", xlabel=label)
         panel.grid(alpha=0.3, which="major")
         panel.spines[["top", "right"]].set_visible(False)
-    panels[0].set_ylabel("MSE over unseen points, x + z (mm²)")
+    axes[0].set_ylabel("MSE over unseen points, x + z (mm²)")
     figure.legend(loc="outside right center", frameon=False)
-    FIGURE.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(FIGURE) as temporary:
-        figure.savefig(temporary, format="png", dpi=180)
-    print(f"Figure: {FIGURE}")
+    common.save(figure, path, dpi=180)
 
 
 def main() -> None:
     """Run what is missing, print the table, draw the figure."""
     registry.discover()
     names = [*registry.names("model"), PAPER]
-    parser = argparse.ArgumentParser(description="Every model on every finger and split.")
-    parser.add_argument("--finger", action="append", choices=FINGERS)
-    parser.add_argument("--split", action="append", choices=SPLITS)
-    parser.add_argument("--model", action="append", choices=names)
-    parser.add_argument("--seed", action="append", type=int)
-    parser.add_argument("--budget", action="append", type=float, help="seconds of the paper's protocol")
-    parser.add_argument("--quick", action="store_true", help="pneunet, random split, one seed, the paper for 10 s")
-    parser.add_argument("--markdown", action="store_true", help="write docs/comparison.md")
-    parser.add_argument("--only-found", action="store_true", help="table and figure of what was run before")
-    given = parser.parse_args()
+    arguments = common.parser(__doc__)
+    arguments.add_argument("--finger", action="append", choices=scenes.FINGERS)
+    arguments.add_argument("--split", action="append", choices=SPLITS)
+    arguments.add_argument("--model", action="append", choices=names)
+    arguments.add_argument("--seed", action="append", type=int)
+    arguments.add_argument("--budget", action="append", type=float, help="seconds of the paper's protocol")
+    arguments.add_argument("--markdown", action="store_true", help="write docs/comparison.md")
+    arguments.add_argument("--only-found", action="store_true", help="table and figure of what was run before")
+    given = common.parsed(arguments)
+    few = 1 if given.quick else None
+    folder, docs = common.folders("comparison", given.quick)
     lines = rows(
-        given.finger or list(FINGERS[:1] if given.quick else FINGERS),
-        given.split or list(SPLITS[:1] if given.quick else SPLITS),
+        Store(folder, given.quick, given.only_found),
+        given.finger or list(scenes.FINGERS[:few]),
+        given.split or list(SPLITS[:few]),
         given.model or names,
-        given.seed or list(SEEDS[:1] if given.quick else SEEDS),
-        given.budget or list(BUDGETS_S[:1] if given.quick else BUDGETS_S),
+        given.seed or list(SEEDS[:few]),
+        given.budget or ([2.0] if given.quick else list(BUDGETS_S)),
         [] if given.quick else [LONGER_S],
-        given.only_found,
     )
-    Console(width=190).print(table(lines))
+    common.show(table(lines))
     if given.markdown:
-        write_page(lines)
-    draw(lines)
+        write_page(lines, docs / "comparison.md")
+    draw(lines, docs / "figures" / "surrogates.png")
 
 
 if __name__ == "__main__":

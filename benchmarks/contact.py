@@ -8,29 +8,27 @@ default finger and mesh, where nothing touches: the processor time of all looks 
 processor time of `fem.contact=auto` over that of `fem.contact=off`, medians of alternating runs.
 """
 
-import argparse
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, cast
 from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from pgdl_lab.core import registry
+from benchmarks.common import folders, panels, parsed, parser, save, show, table
+from benchmarks.scenes import scene
 from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.skin import sampled, skin
-from pgdl_lab.running.composing import experiment
+from pgdl_lab.running.experiment import Experiment
 
 Array = NDArray[np.float64]
 
@@ -39,13 +37,8 @@ INTERPOLATION_MM = 1e-2  # of the finger that touches itself: each place that co
 OBSERVATION = Observation()
 SHOWN = 39  # the snapshot drawn: 20 kPa
 MIDDLE_OF_GAP_MM = (87.75, 0.0, 9.9)  # at rest, between the eighth chamber and the ninth
-REPEATS = 3
-
-
-def thin_walled() -> Finger:
-    """The finger whose chambers touch."""
-    thin = ["finger.wall_mm=1.5", "finger.side_wall_mm=1.5", "finger.gap_mm=0.5"]
-    return experiment(["finger=pneunet_reference", *thin]).finger
+THIN = ("finger.wall_mm=1.5", "finger.side_wall_mm=1.5", "finger.gap_mm=0.5")
+"""What is typed for the finger whose chambers touch."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +76,8 @@ class Inflation:
     crossed: NDArray[np.bool_]
 
 
-def inflate(mode: str) -> Inflation:
+def inflate(finger: Finger, mode: str) -> Inflation:
     """Weight and pressure on the thin-walled finger with contact in `mode`."""
-    finger = thin_walled()
     model = Model(finger, EDGE_MM, "auto", mode, REACH_MM)
     began = time.perf_counter()
     pressures = OBSERVATION.pressures_kpa(finger.max_kpa)
@@ -145,12 +137,12 @@ def clocked(kind: type, names: Sequence[str]) -> Iterator[list[float]]:
         yield times
 
 
-def overhead() -> Overhead:
+def overhead(made: Experiment, repeats: int) -> Overhead:
     """Repeat the load path by turns."""
-    finger, solid = experiment([]).finger, registry.plugin("fem", "solid")()
+    finger, solid = made.finger, cast(Any, made.fem)
     taken: dict[str, list[float]] = {"off": [], "auto": []}
     watching = []
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         for mode, times in taken.items():
             with clocked(Contact, ("__init__", "near", "passes")) as spent:
                 began = time.process_time()
@@ -164,10 +156,9 @@ def overhead() -> Overhead:
 
 def draw(inflations: dict[str, Inflation], path: Path) -> None:
     """The gap over the pressure, and two chambers in the plane of symmetry where they press on each other."""
-    import matplotlib.pyplot as plt
     from matplotlib.collections import LineCollection
 
-    figure, axes = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
+    figure, axes = panels(1, 3, (13, 4))
     touching = inflations["auto"]
     axes[0].plot(touching.pressures_kpa, touching.gaps_mm, color="tab:blue", label="contact=auto")
     for mode, inflation in inflations.items():
@@ -193,43 +184,32 @@ def draw(inflations: dict[str, Inflation], path: Path) -> None:
             ylabel="z [mm]",
             title=f"Two chambers, contact={mode}, {inflation.pressures_kpa[SHOWN]:g} kPa",
         )
-    figure.savefig(path, dpi=150)
+    save(figure, path, dpi=150)
 
 
 def main() -> None:
     """Simulate, print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--figure", type=Path, default=Path("docs/figures/contact.png"))
-    parser.add_argument("--overhead", action="store_true", help="only what watching costs")
-    arguments = parser.parse_args()
-    if arguments.overhead:
-        report(overhead())
-        return
-    inflations = {mode: inflate(mode) for mode in ("auto", "off")}
-    table = Table(
-        "contact",
-        "reached kPa",
-        "equilibria",
-        "iterations",
-        "between mm",
-        "time s",
-        "snapshots that cross",
-        "least gap mm",
-    )
-    for mode, inflation in inflations.items():
-        table.add_row(
-            mode,
-            f"{inflation.pressures_kpa[-1]:g}",
-            str(inflation.equilibria),
-            str(inflation.iterations),
-            f"{inflation.interpolation_mm:.2g}",
-            f"{inflation.seconds:.0f}",
-            f"{inflation.crossed.sum()} of {len(inflation.crossed)}",
-            f"{inflation.gaps_mm.min():.4f}",
-        )
-    Console().print(table)
-    draw(inflations, arguments.figure)
-    report(overhead())
+    arguments = parser(__doc__)
+    arguments.add_argument("--figure", type=Path, help="where it goes, if not to docs/figures/contact.png")
+    arguments.add_argument("--overhead", action="store_true", help="only what watching costs")
+    arguments.add_argument("--repeats", type=int, default=3, help="of what watching costs")
+    given = parsed(arguments, repeats=1)
+    if not given.overhead:
+        finger = scene("pneunet_reference", *THIN, quick=given.quick).finger
+        inflations = {mode: inflate(finger, mode) for mode in ("auto", "off")}
+        what = (
+            "reached kPa", "equilibria", "iterations", "between mm", "time s", "snapshots that cross", "least gap mm",
+        )  # fmt: skip
+        shown = table("", ("contact", *what), left=1 + len(what))
+        for mode, inflation in inflations.items():
+            shown.add_row(
+                mode, f"{inflation.pressures_kpa[-1]:g}", str(inflation.equilibria), str(inflation.iterations),
+                f"{inflation.interpolation_mm:.2g}", f"{inflation.seconds:.0f}",
+                f"{inflation.crossed.sum()} of {len(inflation.crossed)}", f"{inflation.gaps_mm.min():.4f}",
+            )  # fmt: skip
+        show(shown)
+        draw(inflations, given.figure or folders("contact", given.quick)[1] / "figures" / "contact.png")
+    report(overhead(scene("pneunet", quick=given.quick), given.repeats))
 
 
 def report(times: Overhead) -> None:

@@ -11,21 +11,19 @@ can gain, the more so the cheaper the activation.
 
 import shutil
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
 
 import torch
-from rich.console import Console
-from rich.table import Table
 from torch import Tensor, nn
 
+from benchmarks.common import parsed, parser, show, table
 from pgdl_lab.learning.activations import ACTIVATIONS
 from pgdl_lab.learning.jet import ROWS, propagate
 from pgdl_lab.learning.layers import fully_connected
 
-POINTS, DEPTH, WIDTH, ROUNDS = 512, 8, 100, 40
+POINTS, DEPTH, WIDTH = 512, 8, 100
 COMPILED = ("tanh", "silu")  # compiling takes its time
 
 Way = Callable[[nn.Module, Tensor], Tensor]
@@ -76,11 +74,15 @@ def values(net: nn.Module, rows: Tensor) -> Tensor:
 
 def main() -> None:
     """Print agreement and times."""
+    arguments = parser(__doc__)
+    arguments.add_argument("activations", nargs="*", default=[name for name in ACTIVATIONS if name != "relu"])
+    arguments.add_argument("--rounds", type=int, default=40)
+    given = parsed(arguments, activations=["gelu"], rounds=3)
     torch.set_num_threads(1)
-    table = Table(title=f"{DEPTH} × {WIDTH}, {POINTS} points, float32, one thread: forward and backward")
-    for heading in ("activation", "way", "median [ms]", "least [ms]", "nested / this", "agrees to"):
-        table.add_column(heading, justify="right")
-    for activation in sys.argv[1:] or [name for name in ACTIVATIONS if name != "relu"]:
+    title = f"{DEPTH} × {WIDTH}, {POINTS} points, float32, one thread: forward and backward"
+    headings = ("activation", "way", "median [ms]", "least [ms]", "nested / this", "agrees to")
+    shown = table(title, headings, left=0)
+    for activation in given.activations:
         agrees = agreement(activation)
         torch.manual_seed(0)
         net, rows = fully_connected(3, 2, DEPTH, WIDTH, activation), inputs(torch.float32)
@@ -91,7 +93,7 @@ def main() -> None:
         times: dict[str, list[float]] = {name: [] for name in ways}
         for once in steps.values():
             once()
-        for _ in range(ROUNDS):
+        for _ in range(given.rounds):
             for name, once in steps.items():
                 start = time.thread_time()
                 once()
@@ -100,9 +102,9 @@ def main() -> None:
         for name, taken in times.items():
             median = statistics.median(taken)
             agreed = f"{agrees:.1e}" if name == "closed form" else ""
-            table.add_row(activation, name, f"{median:.1f}", f"{min(taken):.1f}", f"{nested / median:.2f}", agreed)
-        table.add_section()
-    Console(width=110).print(table)
+            shown.add_row(activation, name, f"{median:.1f}", f"{min(taken):.1f}", f"{nested / median:.2f}", agreed)
+        shown.add_section()
+    show(shown)
 
 
 if __name__ == "__main__":

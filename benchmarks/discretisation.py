@@ -8,21 +8,17 @@ at the end of the base line. The figure is docs/figures/discretisation.png.
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from pgdl_lab.core import paths, registry
-from pgdl_lab.core.files import replacing
-from pgdl_lab.core.snapshots import Observation, Snapshots
-from pgdl_lab.running import cache
-from pgdl_lab.running.composing import experiment
+from benchmarks.common import folders, panels, parsed, parser, save, show, table
+from benchmarks.scenes import scene, simulated
+from pgdl_lab.core.snapshots import Snapshots
 
 FINGERS = ("joints", "bellows", "pneunet", "pneunet_reference")
-FIGURE = paths.ROOT / "docs" / "figures" / "discretisation.png"
 
 
 @dataclass(frozen=True)
@@ -56,35 +52,29 @@ class Result:
 
 def main() -> None:
     """Simulate what is not in the cache, print the table, draw the figure."""
-    registry.discover()
-    solid, results = registry.plugin("fem", "solid")(), {}
-    finer = replace(solid, edge_mm=solid.edge_mm / 2, estimate_error=False)
-    for name in FINGERS:
-        finger = experiment([f"finger={name}"]).finger
-        observation, store = Observation(), paths.RUNS / "snapshots"
-        coarse, fine = (cache.simulate(finger, fem, observation, store)[0] for fem in (solid, finer))
-        results[name] = Result.of(coarse, fine)
-    table = Table(title="Tip at the highest pressure: default mesh against half the edges")
-    for column in ("finger", "kPa", "difference (mm)", "(%)", "estimate (mm)", "(%)", "time (s)", "fine (s)"):
-        table.add_column(column, justify="left" if column == "finger" else "right")
+    arguments = parser(__doc__)
+    arguments.add_argument("fingers", nargs="*", default=FINGERS)
+    given = parsed(arguments, fingers=["pneunet"])
+    results = {}
+    for name in given.fingers:
+        made = scene(name, "fem.estimate_error=true", quick=given.quick)
+        solid: Any = made.fem
+        finer = replace(solid, edge_mm=solid.edge_mm / 2, estimate_error=False)
+        results[name] = Result.of(*(simulated(replace(made, fem=fem)) for fem in (solid, finer)))
+    headings = ("finger", "kPa", "difference (mm)", "(%)", "estimate (mm)", "(%)", "time (s)", "fine (s)")
+    shown = table("Tip at the highest pressure: default mesh against half the edges", headings)
     for name, result in results.items():
         true, percent = result.tip_mm[-1], 100 * result.tip_mm[-1] / result.moved_mm[-1]
         estimate = (f"{result.estimate['tip_mm']:.2f}", f"{result.estimate['tip_percent']:.2f}")
         times = (f"{seconds:.1f}" for seconds in result.seconds)
-        table.add_row(name, f"{result.kpa[-1]:g}", f"{true:.2f}", f"{percent:.2f}", *estimate, *times)
-    Console(width=110).print(table)
-    draw(results)
-    print(f"Figure: {FIGURE}")
+        shown.add_row(name, f"{result.kpa[-1]:g}", f"{true:.2f}", f"{percent:.2f}", *estimate, *times)
+    show(shown)
+    draw(results, folders("discretisation", given.quick)[1] / "figures" / "discretisation.png")
 
 
-def draw(results: dict[str, Result]) -> None:
+def draw(results: dict[str, Result], path: Path) -> None:
     """True error over the pressure, and its estimate at the end."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panel = plt.subplots(figsize=(7, 4.4), layout="constrained")
+    figure, panel = panels(1, 1, (7, 4.4))
     for number, (name, result) in enumerate(results.items()):
         highest, colour = result.kpa[-1], f"C{number}"
         percent = 100 * result.tip_mm / result.moved_mm[-1]
@@ -96,8 +86,7 @@ def draw(results: dict[str, Result]) -> None:
     panel.set_ylabel("tip, 3 mm against 1.5 mm edges\n(% of its way at the highest pressure)")
     panel.legend()
     panel.grid(alpha=0.3)
-    with replacing(FIGURE) as temporary:
-        figure.savefig(temporary, format="png", dpi=160)
+    save(figure, path, dpi=160)
 
 
 if __name__ == "__main__":

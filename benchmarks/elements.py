@@ -8,23 +8,21 @@ split into isochoric and volumetric parts both are W_iso(F) + U(mean J).
 
 Linear sag: the finger `pneunet` under its weight, per unit of gravity (a measure, not a displacement it ever has).
 Full pressure: the same finger with three chambers at 50 kPa. References are the Richardson extrapolations of the
-default element's two finest meshes, with the order that three meshes show. Every solve is kept in runs/elements.json
-and not repeated; remove that file to measure again. The figure is docs/figures/elements.png.
+default element's two finest meshes, with the order that three meshes show. Every solve is kept in runs/elements and
+not repeated; remove that folder to measure again. The figure is docs/figures/elements.png.
 """
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from pgdl_lab.core import paths
-from pgdl_lab.core.files import replacing
+from benchmarks.common import digest, folders, kept, panels, parsed, parser, save, show, table
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.extrude import extrude
 from pgdl_lab.mechanics.finger import ExtrudedFinger, Finger
@@ -38,11 +36,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 COARSE_MM = 3.0
-FINE_MM = {"linear sag": (3.0, 1.5, 1.0), "full pressure": (3.0, 1.5, 1.0)}  # of the default element
+REFINED = (1.0, 0.5, 1 / 3)  # edges of the default element's meshes, as multiples of the coarsest
 DEFAULT = "hex27_p1"
 NEWTON_MM, INTERPOLATION_MM = 1e-6, 1e-2
-STORE = paths.RUNS / "elements.json"
-FIGURE = paths.ROOT / "docs" / "figures" / "elements.png"
 LABELS = (((-7, -3), "right"), ((7, -3), "left"), ((0, -14), "center"), ((0, 7), "center"))
 """Where the names of the layered and graded meshes stand beside their points: offset and alignment."""
 
@@ -63,8 +59,8 @@ class Case:
             return f"{self.element}, {edge[0]:g} mm, graded to corners"
         if len(set(edge)) == 1:
             return f"{self.element}, {edge[0]:g} mm"
-        fine = next(axis for axis, length in zip("xyz", edge, strict=True) if length < COARSE_MM)
-        return f"{self.element}, {COARSE_MM:g} mm, {min(edge):g} along {fine}"
+        fine = next(axis for axis, length in zip("xyz", edge, strict=True) if length < max(edge))
+        return f"{self.element}, {max(edge):g} mm, {min(edge):g} along {fine}"
 
 
 @dataclass(frozen=True)
@@ -106,11 +102,18 @@ def grade(values: Array, lines: Array) -> Array:
     return start + length * (part - np.sin(2 * np.pi * part) / (2 * np.pi) * 0.6)
 
 
-def cases(fine_mm: tuple[float, ...]) -> list[Case]:
-    """All candidates; the default element also on the meshes of `fine_mm`."""
-    even = [Case(element, (edge,) * 3) for element in ("hex20", "hex27", "hex27_p0") for edge in (3.0, 1.5)]
-    layered = [Case(DEFAULT, edges) for edges in ((1.5, 3.0, 3.0), (3.0, 1.5, 3.0), (3.0, 3.0, 1.5))]
-    return [*even, *layered, Case(DEFAULT, (1.0,) * 3, graded=True), *(Case(DEFAULT, (h,) * 3) for h in fine_mm)]
+def cases(coarse_mm: float) -> list[Case]:
+    """All candidates, on meshes with edges of `coarse_mm` and finer."""
+    coarse, middle, fine = (coarse_mm * part for part in REFINED)
+    even = [Case(element, (edge,) * 3) for element in ("hex20", "hex27", "hex27_p0") for edge in (coarse, middle)]
+    finer_along = [(middle, coarse, coarse), (coarse, middle, coarse), (coarse, coarse, middle)]
+    layered = [Case(DEFAULT, edges) for edges in finer_along]
+    return [*even, *layered, Case(DEFAULT, (fine,) * 3, graded=True), *evenly(coarse_mm)]
+
+
+def evenly(coarse_mm: float) -> list[Case]:
+    """The default element on even meshes, the coarsest first."""
+    return [Case(DEFAULT, (coarse_mm * part,) * 3) for part in REFINED]
 
 
 def tip(model: Model) -> int:
@@ -146,18 +149,10 @@ SCENES: dict[str, Callable[[Case], tuple[list[float], int]]] = {
 
 
 def measured(scene: str, case: Case) -> dict[str, Any]:
-    """Tip [mm], unknowns and wall time [s] of a case, from the store or solved now."""
-    store: dict[str, Any] = json.loads(STORE.read_text()) if STORE.is_file() else {}
-    key = f"{scene}: {case.label}"
-    if key not in store:
-        began = time.perf_counter()
-        place, unknowns = SCENES[scene](case)
-        store[key] = {"tip_mm": place, "unknowns": unknowns, "seconds": time.perf_counter() - began}
-        STORE.parent.mkdir(exist_ok=True)
-        with replacing(STORE) as temporary:
-            temporary.write_text(json.dumps(store, indent=1))
-    result: dict[str, Any] = store[key]
-    return result
+    """Tip [mm], unknowns and wall time [s] of a case, solved now."""
+    began = time.perf_counter()
+    place, unknowns = SCENES[scene](case)
+    return {"tip_mm": place, "unknowns": unknowns, "seconds": time.perf_counter() - began}
 
 
 def extrapolated(values: Array, edges_mm: tuple[float, ...]) -> tuple[Array, float]:
@@ -173,36 +168,40 @@ def extrapolated(values: Array, edges_mm: tuple[float, ...]) -> tuple[Array, flo
 
 def main() -> None:
     """Measure what is not in the store, print the tables, draw the figure."""
-    console, charts = Console(width=110), {}
-    for scene in SCENES:
-        rows = {case.label: (case, measured(scene, case)) for case in cases(FINE_MM[scene])}
-        series = [rows[Case(DEFAULT, (h,) * 3).label][1]["tip_mm"] for h in FINE_MM[scene]]
-        reference, order = extrapolated(np.array(series), FINE_MM[scene])
-        table = Table(title=f"{scene}: reference u_x {reference[0]:.3f}, u_z {reference[1]:.3f} mm (order {order:.1f})")
-        for column in ("element and mesh", "unknowns", "u_x (mm)", "u_z (mm)", "error (%)", "time (s)"):
-            table.add_column(column, justify="left" if column.startswith("el") else "right")
+    arguments = parser(__doc__)
+    arguments.add_argument("--scenes", nargs="+", default=list(SCENES), choices=list(SCENES))
+    arguments.add_argument("--edge-mm", type=float, default=COARSE_MM, help="longest edges of the coarsest meshes")
+    given = parsed(arguments, edge_mm=9.0, scenes=["full pressure"])
+    (store, docs), charts = folders("elements", given.quick), {}
+    for scene in given.scenes:
+        rows = {}
+        for case in cases(given.edge_mm):
+            found = kept(store / f"{digest([scene, case.label])}.json", partial(measured, scene, case))
+            assert found is not None
+            rows[case.label] = case, found
+        even = evenly(given.edge_mm)
+        series = np.array([rows[case.label][1]["tip_mm"] for case in even])
+        reference, order = extrapolated(series, tuple(case.edges_mm[0] for case in even))
+        shown = table(
+            f"{scene}: reference u_x {reference[0]:.3f}, u_z {reference[1]:.3f} mm (order {order:.1f})",
+            ("element and mesh", "unknowns", "u_x (mm)", "u_z (mm)", "error (%)", "time (s)"),
+        )
         chart = []
         for label, (case, row) in rows.items():
             error = 100 * float(np.linalg.norm(row["tip_mm"] - reference) / np.linalg.norm(reference))
             x, z = row["tip_mm"]
             seconds = f"{row['seconds']:.2f}"
-            table.add_row(label, f"{row['unknowns']:,}", f"{x:.3f}", f"{z:.3f}", f"{error:.2f}", seconds)
+            shown.add_row(label, f"{row['unknowns']:,}", f"{x:.3f}", f"{z:.3f}", f"{error:.2f}", seconds)
             chart.append((case, row["seconds"], error))
-        console.print(table)
+        show(shown)
         charts[scene] = chart
-    draw(charts)
-    console.print(f"Figure: {FIGURE}")
+    draw(charts, docs / "figures" / "elements.png")
 
 
-def draw(charts: dict[str, list[tuple[Case, float, float]]]) -> None:
+def draw(charts: dict[str, list[tuple[Case, float, float]]], path: Path) -> None:
     """Error over time, one panel for each scene; lines join the meshes of an element."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, panels = plt.subplots(1, len(charts), figsize=(11, 4.6), layout="constrained")
-    for panel, (scene, chart) in zip(panels, charts.items(), strict=True):
+    figure, axes = panels(1, len(charts), (11, 4.6), squeeze=False)
+    for panel, (scene, chart) in zip(axes[0], charts.items(), strict=True):
         for number, element in enumerate(dict.fromkeys(case.element for case, *_ in chart)):
             even = [(s, e) for case, s, e in chart if case.element == element and case.label.count(",") == 1]
             panel.plot(*zip(*sorted(even), strict=True), "o-", color=f"C{number}", label=element)
@@ -215,11 +214,9 @@ def draw(charts: dict[str, list[tuple[Case, float, float]]]) -> None:
         panel.set(xscale="log", yscale="log", title=scene, xlabel="time (s)", ylabel="error of the tip (%)")
         panel.grid(alpha=0.3, which="both")
         panel.margins(0.12)
-    lines, labels = panels[1].get_legend_handles_labels()
+    lines, labels = axes[0, -1].get_legend_handles_labels()
     figure.legend(lines, labels, title="edges 3, 1.5 (and 1) mm", loc="outside right upper", frameon=False)
-    FIGURE.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(FIGURE) as temporary:
-        figure.savefig(temporary, format="png", dpi=160)
+    save(figure, path, dpi=160)
 
 
 if __name__ == "__main__":

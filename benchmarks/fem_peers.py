@@ -7,25 +7,21 @@ with 2×2×2 points; differences are taken over all points of the side face at a
 related to the largest displacement along the same axis.
 """
 
-import argparse
 import os
+import shutil
 import time
 from dataclasses import dataclass
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks import common, scenes
 from pgdl_lab.core import registry
-from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics import calculix  # noqa: F401 (imported, with all it needs, before any time is taken)
-from pgdl_lab.mechanics.calculix_program import program, version
+from pgdl_lab.mechanics.calculix_program import PROGRAM, version
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
-from pgdl_lab.running.composing import experiment
-
-console = Console(width=100)
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ def timed(fem: Fem, finger: Finger, observation: Observation) -> Timed:
     try:
         snapshots = fem.simulate(finger, observation)
     except SimulationStopped as stop:
-        console.print(str(stop))
+        print(stop)
         snapshots = stop.snapshots
     return Timed(snapshots, time.perf_counter() - wall, _cpu_s() - cpu)
 
@@ -58,9 +54,8 @@ def compare(ours: Timed, theirs: Timed) -> Table:
     count = min(len(ours.snapshots.pressures_kpa), len(theirs.snapshots.pressures_kpa))
     a, b = ours.snapshots.displacements[:count], theirs.snapshots.displacements[:count]
     title = f"Gravity to {ours.snapshots.pressures_kpa[count - 1]:g} kPa, {count} snapshots"
-    table = Table(title=f"{title}, {ours.snapshots.provenance['mesh']['nodes']:,} nodes")
-    for column in ("", "solid hex20", f"CalculiX {version()}", "difference", "relative"):
-        table.add_column(column, justify="right" if column else "left", no_wrap=True)
+    title += f", {ours.snapshots.provenance['mesh']['nodes']:,} nodes"
+    table = common.table(title, ("", "solid hex20", f"CalculiX {version()}", "difference", "relative"))
     for component, name in enumerate(("u_x", "u_z")):
         largest = np.abs(a[-1, :, component]).max()
         for label, extreme in (("min", np.min), ("max", np.max)):
@@ -83,22 +78,20 @@ def compare(ours: Timed, theirs: Timed) -> Table:
 
 def main() -> None:
     """Run both and print the table."""
-    parser = argparse.ArgumentParser(description="Our solid beside CalculiX on the same mesh.")
-    parser.add_argument("--kpa", type=float, default=30.0, help="highest pressure")
-    parser.add_argument("--edge-mm", type=float, default=3.0, help="longest element edge")
-    parser.add_argument("--snapshots", type=int, default=30, help="number of equal pressure sub-steps")
-    chosen = parser.parse_args()
-    finger = experiment(["finger=pneunet_reference", f"finger.max_kpa={chosen.kpa}"]).finger
-    observation = Observation(snapshots=chosen.snapshots)
-    program()
-    solid = registry.plugin("fem", "solid")(edge_mm=chosen.edge_mm, element="hex20", estimate_error=False)
-    peer = registry.plugin("fem", "calculix")(edge_mm=chosen.edge_mm)
-    console.print(compare(timed(solid, finger, observation), timed(peer, finger, observation)))
-    console.print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    arguments = common.parser(__doc__)
+    arguments.add_argument("--kpa", type=float, default=30.0, help="highest pressure")
+    arguments.add_argument("--edge-mm", type=float, default=3.0, help="longest element edge")
+    arguments.add_argument("--snapshots", type=int, default=30, help="number of equal pressure sub-steps")
+    given = common.parsed(arguments, kpa=5.0, edge_mm=6.0, snapshots=3)
+    if shutil.which(PROGRAM) is None:
+        common.skip("CalculiX", "Debian's calculix-ccx")
+    finger = scenes.scene("pneunet_reference", f"finger.max_kpa={given.kpa}", quick=given.quick).finger
+    observation = Observation(snapshots=given.snapshots)
+    solid = registry.plugin("fem", "solid")(edge_mm=given.edge_mm, element="hex20", estimate_error=False)
+    peer = registry.plugin("fem", "calculix")(edge_mm=given.edge_mm)
+    common.show(compare(timed(solid, finger, observation), timed(peer, finger, observation)))
+    common.print_load()
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except LabError as error:
-        raise SystemExit(str(error)) from None
+    main()

@@ -9,10 +9,6 @@ are kept in runs/few_points and the table is made of what is there; medians over
 chosen on seed 0.
 """
 
-import argparse
-import hashlib
-import json
-import tempfile
 import time
 import warnings
 from dataclasses import replace
@@ -20,46 +16,45 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
-from pgdl_lab.core import paths
-from pgdl_lab.core.files import replacing
+from benchmarks import common, scenes
+from pgdl_lab.core import sources
 from pgdl_lab.core.registry import describe, plugin
 from pgdl_lab.core.snapshots import Snapshots
-from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.learning.scene import Scene
+from pgdl_lab.learning.data import Training
 from pgdl_lab.running import cache
-from pgdl_lab.running.composing import experiment
 from pgdl_lab.running.experiment import Experiment
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.surrogate import Surrogate
 
-FINGERS, MODELS = ("pneunet", "joints", "bellows"), ("pod", "guided", "hybrid")
+GUIDED = "guided"
+MODELS = ("pod", GUIDED, "hybrid")
 BELOW = 0.88  # of the highest pressure: 44 of 50 kPa
 
 
 def main() -> None:
     """Measure what is missing and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("fingers", nargs="*", default=FINGERS)
-    parser.add_argument("--points", type=int, nargs="*", default=[40, 400, 20_000])
-    parser.add_argument("--models", nargs="*", default=MODELS, help="others too, such as body")
-    parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2, 3])
-    given = parser.parse_args()
+    arguments = common.parser(__doc__)
+    arguments.add_argument("fingers", nargs="*", default=scenes.FINGERS)
+    arguments.add_argument("--points", type=int, nargs="*", default=[40, 400, 20_000])
+    arguments.add_argument("--models", nargs="*", default=MODELS, help="others too, such as body")
+    arguments.add_argument("--seeds", type=int, nargs="*", default=[1, 2, 3])
+    given = common.parsed(arguments, fingers=scenes.FINGERS[:1], points=[40, 400], seeds=[1])
     warnings.simplefilter("ignore")  # of pressures outside, which are asked for here
-    table = Table(title="Root mean square error [mm]: median of the seeds (least … greatest)")
-    for heading in ("finger", "points", "model", "within", "in bar", "beyond", "in bar", "trained in"):
-        table.add_column(heading, justify="left" if heading in ("finger", "model") else "right")
+    store, _ = common.folders("few_points", given.quick)
+    shown = common.table(
+        "Root mean square error [mm]: median of the seeds (least … greatest)",
+        ("finger", "points", "model", "within", "in bar", "beyond", "in bar", "trained in"),
+    )
     for finger in given.fingers:
-        trial = experiment([f"finger={finger}"])
-        snapshots, path, _ = cache.simulate(trial.finger, trial.fem, trial.observation, paths.RUNS / "snapshots")
+        trial = scenes.scene(finger, quick=given.quick)
+        snapshots = scenes.simulated(trial)
         for points in given.points:
             for model in given.models:
-                found = [_result(trial, snapshots, path, model, points, seed) for seed in given.seeds]
-                table.add_row(finger, f"{points:,}", model, *(_told(found, name) for name in found[0]))
-        table.add_section()
-    Console(width=140).print(table)
+                found = [_result(trial, snapshots, store, model, points, seed) for seed in given.seeds]
+                shown.add_row(finger, f"{points:,}", model, *(_told(found, name) for name in found[0]))
+        shown.add_section()
+    common.show(shown)
 
 
 def _told(found: list[dict[str, float]], name: str) -> str:
@@ -72,15 +67,13 @@ def _told(found: list[dict[str, float]], name: str) -> str:
 
 
 def _result(
-    trial: Experiment, snapshots: Snapshots, path: Path, model: str, points: int, seed: int
+    trial: Experiment, snapshots: Snapshots, store: Path, model: str, points: int, seed: int
 ) -> dict[str, float]:
     """The measurement of one training within and one beyond, from the store or made now."""
-    package = Path(cache.__file__).parent
-    code = sorted([*(package / "learning").glob("*.py"), *(package.parent / "plugins" / "model").glob("*.py")])
-    digest = hashlib.sha256(b"".join(each.read_bytes() for each in code))
-    digest.update(json.dumps([path.name, model, points, seed]).encode())
-    kept = paths.RUNS / "few_points" / f"{digest.hexdigest()[:20]}.json"
-    if not kept.is_file():
+    known = cache.snapshot_path(Path(), trial.finger, trial.fem, trial.observation).name
+    code = sources.digest([plugin("model", "hybrid" if model == GUIDED else model)])
+
+    def measure() -> dict[str, float]:
         result: dict[str, float] = {}
         began = time.perf_counter()
         for where, below in (("within", 1.0), ("beyond", BELOW)):
@@ -93,11 +86,11 @@ def _result(
             result[where] = float(np.sqrt((error[judged] ** 2).mean()))
             result[f"in bar {where}"] = float((error <= bars[..., None])[judged].mean())
         result["seconds"] = (time.perf_counter() - began) / 2
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(kept) as temporary:
-            temporary.write_text(json.dumps(result))
         print(describe(trial.finger)["name"], points, model, seed, result, flush=True)
-    found: dict[str, float] = json.loads(kept.read_text())
+        return result
+
+    found = common.kept(store / f"{common.digest([known, code, model, points, seed])}.json", measure)
+    assert found is not None
     return found
 
 
@@ -108,19 +101,19 @@ def _trained(
     pressures = snapshots.pressures_kpa
     among = int((pressures <= below * pressures[-1] * (1 + 1e-9)).sum()) * len(snapshots.points)
     train = np.sort(np.random.default_rng(seed).choice(among, points, replace=False))
-    seen = np.zeros(snapshots.displacements.shape[:2], dtype=bool)
-    seen.ravel()[train] = True
-    with tempfile.TemporaryDirectory() as folder:
-        training = Training.of(
-            Samples.of(snapshots, train), Scene.of(trial.finger, snapshots), trial.loss,
-            replace(trial.trainer, progress=False), trial.optimizer, seed, Path(folder), {},
-        )  # fmt: skip
-        if model != "guided":
-            return plugin("model", model)().fit(training), seen
+    chosen: Any = Guided() if model == GUIDED else plugin("model", model)()
+    made = replace(trial, model=chosen, seed=seed)
+    return scenes.fitted(made, snapshots, train)[0], ~scenes.unseen_of(snapshots, train)
+
+
+class Guided:
+    """Model `hybrid` whose network adds nothing yet."""
+
+    def fit(self, training: Training) -> Surrogate:
+        """What the closed form makes of the displacement that the rod leaves."""
         hybrid: Any = plugin("model", "hybrid")()
-        field, _ = hybrid.begin(training)  # its network adds nothing yet
-        record = Record(training.samples.ranges(), {}, face=training.scene.face)
-        return hybrid.finished(field, record, training), seen
+        field, _ = hybrid.begin(training)
+        return hybrid.finished(field, Record(training.samples.ranges(), {}, face=training.scene.face), training)
 
 
 if __name__ == "__main__":

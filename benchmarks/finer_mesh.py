@@ -8,39 +8,32 @@ surrogate adds nothing to the discretisation error; where that trained on the fi
 the other against its own, the small errors do not come from the coarse mesh's functions. Random split, unseen points.
 """
 
-import argparse
-import tempfile
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from pgdl_lab.core import paths
-from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Observation
-from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.learning.scene import Scene
-from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.running import cache
+from benchmarks.common import parsed, parser
+from benchmarks.scenes import fitted, scene, simulated
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="Errors against the mesh of the data and against a finer one.")
-    parser.add_argument("--finger", default="pneunet")
-    parser.add_argument("--edge", type=float, default=1.5, help="edges of the finer mesh [mm]")
-    parser.add_argument("--model", default="hybrid")
-    given = parser.parse_args()
-    discover()
-    finger, solid = plugin("finger", given.finger)(), plugin("fem", "solid")()
-    losses = {"data": plugin("loss", "data")()}
-    meshes = {}
-    for fem in (solid, replace(solid, edge_mm=given.edge, estimate_error=False)):
-        meshes[f"{fem.edge_mm:g} mm"], *_ = cache.simulate(finger, fem, Observation(), paths.RUNS / "snapshots")
+    arguments = parser(__doc__)
+    arguments.add_argument("--finger", default="pneunet")
+    arguments.add_argument("--edge", type=float, default=1.5, help="edges of the finer mesh [mm]")
+    arguments.add_argument("--model", default="hybrid")
+    given = parsed(arguments, edge=3.0)
+    made = scene(given.finger, f"model={given.model}", quick=given.quick)
+    solid: Any = made.fem
+    meshes = {
+        f"{fem.edge_mm:g} mm": simulated(replace(made, fem=fem))
+        for fem in (solid, replace(solid, edge_mm=given.edge, estimate_error=False))
+    }
     coarse, fine = meshes.values()
     if not np.array_equal(coarse.points, fine.points):
         raise SystemExit("The meshes are not observed at the same points: choose another --edge.")
-    train = plugin("split", "random")().train_points(coarse, 0)
+    train = made.split.train_points(coarse, 0)
 
     def mse(difference: np.ndarray) -> str:
         x, z = (np.delete(difference.reshape(-1, 2), train, axis=0) ** 2).mean(axis=0)
@@ -50,12 +43,8 @@ def main() -> None:
     print(f"{'':<24}" + "".join(f"{f'against {name}':>24}" for name in meshes))
     print(f"{'the meshes themselves':<24}{'–':>24}{mse(coarse.displacements - fine.displacements):>24}")
     for name, snapshots in meshes.items():
-        with tempfile.TemporaryDirectory() as folder:
-            training = Training.of(
-                Samples.of(snapshots, train), Scene.of(finger, snapshots), losses, TrainerSettings(progress=False),
-                OptimizerSettings(), 0, Path(folder), {},
-            )  # fmt: skip
-            predicted = plugin("model", given.model)().fit(training).predict(coarse.points, coarse.pressures_kpa)
+        surrogate, _ = fitted(made, snapshots, train)
+        predicted = surrogate.predict(coarse.points, coarse.pressures_kpa)
         errors = (mse(predicted - other.displacements) for other in meshes.values())
         print(f"{f'trained on {name}':<24}" + "".join(f"{error:>24}" for error in errors), flush=True)
 

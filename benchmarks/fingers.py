@@ -7,26 +7,24 @@ Extremes are those of the side face at the highest pressure. `seconds` is what t
 on however busy a machine.
 """
 
-import argparse
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.common import folders, parsed, parser, show, table
+from benchmarks.scenes import scene
 from pgdl_lab.assessment.figures import STYLE
 from pgdl_lab.assessment.paper import published
 from pgdl_lab.core import paths
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.snapshots import Body, Snapshots
 from pgdl_lab.running.cache import simulate
-from pgdl_lab.running.composing import experiment
 
 TITLES = {"pneunet": "PneuNets finger", "joints": "Finger with local bending joints", "bellows": "Bellows finger"}
-FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "fingers.png"
 
 LIGHT = np.array([-0.35, -0.75, 0.55])  # towards the lamp of the three-dimensional views
 LEAST_LIGHT = 0.55
@@ -105,7 +103,7 @@ def draw_solid(axis: Any, body: Body, scale: Any) -> None:
     axis.set_axis_off()
 
 
-def draw(all_snapshots: dict[str, Snapshots]) -> None:
+def draw(all_snapshots: dict[str, Snapshots], path: Path) -> None:
     """Write the figure: side views on one scale above, the whole bodies below."""
     import matplotlib
     from matplotlib.colors import Normalize
@@ -131,27 +129,28 @@ def draw(all_snapshots: dict[str, Snapshots]) -> None:
                 draw_solid(figure.add_subplot(grid[1, column], projection="3d"), snapshots.body, scale)
         sides[0].set_ylabel("z [mm]")
         figure.colorbar(drawn, ax=figure.axes, label="displacement |u| [mm]", shrink=0.7, aspect=30)
-        figure.savefig(FIGURE)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
 
 
 def main() -> None:
     """Simulate, print the table, draw the figure."""
-    parser = argparse.ArgumentParser(description="The three fingers beside the paper's FEA.")
-    parser.add_argument("--fresh", action="store_true", help="leave the cache aside")
-    chosen = parser.parse_args()
-    table = Table(title="The paper's FEA and fem=solid, extremes in mm")
-    for column in ("", "", "paper", "ours", "difference", "relative", "elements", "seconds", "discretisation error"):
-        table.add_column(column, justify="right" if column else "left")
+    arguments = parser(__doc__)
+    arguments.add_argument("--fresh", action="store_true", help="leave the cache aside")
+    given = parsed(arguments)
+    headings = ("", "", "paper", "ours", "difference", "relative", "elements", "seconds", "discretisation error")
+    shown = table("The paper's FEA and fem=solid, extremes in mm", headings, left=2)
     all_snapshots = {}
     with tempfile.TemporaryDirectory() as folder:
-        kept = Path(folder) if chosen.fresh else paths.RUNS / "snapshots"
+        kept = Path(folder) if given.fresh else paths.RUNS / "snapshots"
         for finger in TITLES:
-            made = experiment([f"finger={finger}"])
+            made = scene(finger, "fem.estimate_error=true", quick=given.quick)
             all_snapshots[finger], _, _ = simulate(made.finger, made.fem, made.observation, kept)
-            rows(table, finger, all_snapshots[finger])
-    Console(width=120).print(table)
-    draw(all_snapshots)
-    print(f"written to {FIGURE}")
+            rows(shown, finger, all_snapshots[finger])
+    show(shown)
+    path = folders("fingers", given.quick)[1] / "figures" / "fingers.png"
+    draw(all_snapshots, path)
+    print(f"written to {path}")
 
 
 if __name__ == "__main__":

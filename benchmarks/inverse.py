@@ -7,7 +7,6 @@ snapshots by a cubic spline, whose error is measured by leaving out every other 
 asked for the pressure, and the simulation for the tip there; for a few of them the finite elements are solved anew.
 """
 
-import argparse
 import tempfile
 import time
 from dataclasses import replace
@@ -17,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from pgdl_lab.core import paths
+from benchmarks.common import parsed, parser
+from benchmarks.scenes import fitted, scene, simulated
 from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.running import cache, composing
 from pgdl_lab.running.experiment import Experiment, restore
@@ -29,16 +29,21 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Print the errors."""
-    parser = argparse.ArgumentParser(description="Errors of tips that were asked for.")
-    parser.add_argument("run", nargs="?", default="runs/latest", help="folder of a training")
-    parser.add_argument("--tips", type=int, default=1000)
-    parser.add_argument("--solves", type=int, default=3, help="how many of them the finite elements are solved for")
-    given = parser.parse_args()
-    composing.store_choices()
-    folder = stored_run(given.run)
-    surrogate = stored_surrogate(folder)
-    made = Experiment.from_config(restore(folder / "config.yaml"))
-    snapshots, *_ = cache.simulate(made.finger, made.fem, made.observation, paths.RUNS / "snapshots")
+    arguments = parser(__doc__)
+    arguments.add_argument("run", nargs="?", default="runs/latest", help="folder of a training")
+    arguments.add_argument("--tips", type=int, default=1000)
+    arguments.add_argument("--solves", type=int, default=3, help="how many of them the finite elements are solved for")
+    given = parsed(arguments, tips=100, solves=1)
+    if given.quick:
+        made = scene("pneunet", quick=True)
+        snapshots = simulated(made)
+        surrogate, _ = fitted(made, snapshots, made.split.train_points(snapshots, made.seed))
+    else:
+        composing.store_choices()
+        folder = stored_run(given.run)
+        surrogate = stored_surrogate(folder)
+        made = Experiment.from_config(restore(folder / "config.yaml"))
+        snapshots = simulated(made)
     pressures, tip = snapshots.pressures_kpa, snapshots.base[-1]
     path = snapshots.points[tip] + snapshots.displacements[:, tip]
     there = CubicSpline(pressures, path)

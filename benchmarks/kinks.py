@@ -7,14 +7,12 @@ derivative of that order jumps, by 0.001 to 1 mm per unit to that power. The arc
 snapshot can be held against it.
 """
 
-import argparse
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.common import parsed, parser, show, table
 from pgdl_lab.mechanics.newton import Solution
 from pgdl_lab.mechanics.path import follow, refine
 
@@ -68,17 +66,21 @@ def row(order: int, snapshots: int, trials: int) -> list[str]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="Kinks in a load path and the error that it reports.")
-    parser.add_argument("--trials", type=int, default=1000)
-    given = parser.parse_args()
-    table = Table(title=f"Random kinks, interpolation to {TOLERANCE_MM:g} mm")
-    for heading in ("derivative that jumps", "snapshots", "error above the bound", "largest error over the bound",
-                    "equilibria"):  # fmt: skip
-        table.add_column(heading, justify="right")
+    arguments = parser(__doc__)
+    arguments.add_argument("--trials", type=int, default=1000)
+    given = parsed(arguments, trials=20)
+    headings = (
+        "derivative that jumps",
+        "snapshots",
+        "error above the bound",
+        "largest error over the bound",
+        "equilibria",
+    )
+    shown = table(f"Random kinks, interpolation to {TOLERANCE_MM:g} mm", headings, left=0)
     for order in ORDERS:
         for snapshots in SNAPSHOTS:
-            table.add_row(*row(order, snapshots, given.trials))
-    Console(width=120).print(table)
+            shown.add_row(*row(order, snapshots, given.trials))
+    show(shown)
 
 
 if __name__ == "__main__":

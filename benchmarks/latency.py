@@ -10,7 +10,6 @@ are trained for one epoch, as their weights do not matter here. At the end a loo
 for the tip becomes a pressure, and the pressure the tip and the full field.
 """
 
-import argparse
 import gc
 import os
 import tempfile
@@ -24,14 +23,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core import paths
+from benchmarks.common import parsed, parser, print_load
+from benchmarks.scenes import fitted, scene, simulated
 from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.export.export import Form, Predict, export, read_onnx
-from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.threads import threads
-from pgdl_lab.running import cache
-from pgdl_lab.running.composing import experiment
+from pgdl_lab.running.experiment import Experiment
 from pgdl_lab.surrogate.surrogate import Surrogate
 
 MODELS = {
@@ -51,20 +48,19 @@ Floats = NDArray[np.float64]
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description="Latency of all models in all forms.")
-    parser.add_argument("--seconds", type=float, default=0.3, help="for each measurement")
-    parser.add_argument("--model", nargs="*", default=list(MODELS), choices=list(MODELS))
-    parser.add_argument("--loop", type=float, default=60.0, help="seconds of the loop of 1 kHz")
-    given = parser.parse_args()
-    default = experiment([])
-    snapshots, *_ = cache.simulate(default.finger, default.fem, default.observation, paths.RUNS / "snapshots")
+    arguments = parser(__doc__)
+    arguments.add_argument("--seconds", type=float, default=0.3, help="for each measurement")
+    arguments.add_argument("--model", nargs="*", default=list(MODELS), choices=list(MODELS))
+    arguments.add_argument("--loop", type=float, default=60.0, help="seconds of the loop of 1 kHz")
+    given = parsed(arguments, seconds=0.01, model=["hybrid", "pod"], loop=1.0)
+    snapshots = simulated(scene("pneunet", quick=given.quick))
     print("median / 99th percentile [µs]\n")
     timed = [f"{what}, {count} thread{'s' * (count > 1)}" for count in THREADS for what in ("tip", "field")]
     line("model", "form", "kB", "difference [mm]", *timed)
     line(*["---"] * (4 + len(timed)))
     with tempfile.TemporaryDirectory() as folder:
         for name in given.model:
-            surrogate = trained(MODELS[name], snapshots, Path(folder) / name)
+            surrogate = trained(scene("pneunet", *MODELS[name], quick=given.quick), snapshots, Path(folder) / name)
             for form, size, difference, calls in forms(surrogate, snapshots, Path(folder) / name):
                 row = [measured(call, snapshots, given.seconds, count) for count, call in calls]
                 line(name, form, f"{size / 1e3:.0f}", difference, *row)
@@ -79,7 +75,7 @@ def main() -> None:
         line("finite elements", what, "", "", *[f"{1e6 * each:.3g}"] * 2, *[""] * (len(timed) - 2))
     if "hybrid" in given.model and given.loop:
         loop(default_surrogate, given.loop)
-    print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    print_load()
 
 
 def line(*cells: str) -> None:
@@ -87,16 +83,11 @@ def line(*cells: str) -> None:
     print(f"| {' | '.join(cells)} |", flush=True)
 
 
-def trained(choices: list[str], snapshots: Snapshots, folder: Path) -> Surrogate:
+def trained(made: Experiment, snapshots: Snapshots, folder: Path) -> Surrogate:
     """A surrogate of the default finger, networks after one epoch."""
     folder.mkdir()
-    chosen = experiment([*choices, "trainer.progress=false"])
-    train = chosen.split.train_points(snapshots, 0)
-    training = Training.of(
-        Samples.of(snapshots, train), Scene.of(chosen.finger, snapshots), {"data": chosen.loss["data"]},
-        replace(chosen.trainer, max_epochs=1), chosen.optimizer, 0, folder, snapshots.provenance,
-    )  # fmt: skip
-    surrogate = chosen.model.fit(training)
+    once = replace(made, loss={"data": made.loss["data"]}, trainer=replace(made.trainer, max_epochs=1))
+    surrogate, _ = fitted(once, snapshots, made.split.train_points(snapshots, 0))
     surrogate.save(folder / "surrogate.pt")
     return surrogate
 

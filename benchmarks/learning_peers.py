@@ -12,16 +12,13 @@ not part of a step. The last line is the default model, with the time
 that it takes. A package that is not installed is left out.
 """
 
-import argparse
 import os
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from functools import cached_property, partial
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import lightning.pytorch as pl
@@ -30,13 +27,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pgdl_lab.core import paths
-from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Observation, Snapshots
-from pgdl_lab.learning.data import Samples, Training
+from benchmarks.common import missing, parsed, parser
+from benchmarks.scenes import fitted, scene, simulated
+from pgdl_lab.core.registry import plugin
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.running import cache
+from pgdl_lab.running.experiment import Experiment
 
 Floats = NDArray[np.float64]
 DEPTH, WIDTH, BATCH, RATE = 8, 100, 512, 1e-3
@@ -46,11 +44,16 @@ DEPTH, WIDTH, BATCH, RATE = 8, 100, 512, 1e-3
 class Task:
     """What all of them learn, in `seconds`."""
 
+    made: Experiment
     snapshots: Snapshots
     train: NDArray[np.int64]
-    scene: Scene
     weight: float
     seconds: float
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The body that they belong to."""
+        return Scene.of(self.made.finger, self.snapshots)
 
     @cached_property
     def samples(self) -> Samples:
@@ -119,45 +122,28 @@ class Steps(pl.Callback):
 
     @property
     def seconds_each(self) -> float:
-        """Of one step [s]."""
-        return self.seconds / self.count
+        """Of one step [s]; not a number if the time was over before the second epoch."""
+        return self.seconds / self.count if self.count else float("nan")
 
 
 def ours(task: Task, compiled: bool = False) -> Outcome:
     """The lab's network with the same settings."""
-    losses = {"data": plugin("loss", "data")(), "navier_cauchy": plugin("loss", "navier_cauchy")(weight=task.weight)}
-    model = plugin("model", "mlp")(depth=DEPTH, width=WIDTH, activation="tanh")
     steps = Steps()
-    surrogate, _ = _lab(task, model, losses, task.seconds, [steps], compiled)
+    same = replace(
+        task.made,
+        model=plugin("model", "mlp")(depth=DEPTH, width=WIDTH, activation="tanh"),
+        loss={**task.made.loss, "navier_cauchy": plugin("loss", "navier_cauchy")(weight=task.weight)},
+        trainer=TrainerSettings(str(task.seconds), 10**6, "cpu", validation=0.0, compile=compiled, progress=False),
+        optimizer=OptimizerSettings(lr=RATE, batch_size=BATCH, schedule="constant"),
+    )
+    surrogate, _ = fitted(same, task.snapshots, task.train, callbacks=[steps])
     return steps.seconds_each, *_mse_of(task, surrogate)
 
 
 def default(task: Task) -> Outcome:
     """The default model; its "step" is its whole training."""
-    losses = {"data": plugin("loss", "data")()}
-    surrogate, seconds = _lab(task, plugin("model", "hybrid")(), losses, None, [])
+    surrogate, seconds = fitted(task.made, task.snapshots, task.train)
     return seconds, *_mse_of(task, surrogate)
-
-
-def _lab(
-    task: Task,
-    model: Any,
-    losses: dict[str, Any],
-    budget_s: float | None,
-    callbacks: list[pl.Callback],
-    compiled: bool = False,
-) -> tuple[Any, float]:
-    trainer = TrainerSettings(progress=False, accelerator="cpu", compile=compiled)
-    rule = OptimizerSettings()
-    if budget_s is not None:
-        trainer = replace(trainer, max_time=str(budget_s), max_epochs=10**6, validation=0.0)
-        rule = OptimizerSettings(lr=RATE, batch_size=BATCH, schedule="constant")
-    start = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder:
-        surrogate = model.fit(
-            Training.of(task.samples, task.scene, losses, trainer, rule, 0, Path(folder), {}, callbacks=callbacks)
-        )
-    return surrogate, time.perf_counter() - start
 
 
 def _mse_of(task: Task, surrogate: Any) -> tuple[float, float]:
@@ -294,17 +280,15 @@ def pina(task: Task) -> Outcome:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--finger", default="pneunet")
-    parser.add_argument("--seconds", type=float, default=30)
-    parser.add_argument("--weight", type=float, default=1e-4, help="of the residual")
-    given = parser.parse_args()
-    discover()
+    arguments = parser(__doc__)
+    arguments.add_argument("--finger", default="pneunet")
+    arguments.add_argument("--seconds", type=float, default=30)
+    arguments.add_argument("--weight", type=float, default=1e-4, help="of the residual")
+    given = parsed(arguments, seconds=3.0)
     torch.set_num_threads(1)
-    finger = plugin("finger", given.finger)()
-    snapshots, *_ = cache.simulate(finger, plugin("fem", "solid")(), Observation(), paths.RUNS / "snapshots")
-    train = plugin("split", "random")().train_points(snapshots, 0)
-    task = Task(snapshots, train, Scene.of(finger, snapshots), given.weight, given.seconds)
+    made = scene(given.finger, "trainer.accelerator=cpu", quick=given.quick)
+    snapshots = simulated(made)
+    task = Task(made, snapshots, made.split.train_points(snapshots, 0), given.weight, given.seconds)
     torch.manual_seed(0)
     print(f"{given.finger}, random split, {given.seconds:g} s each, residual's weight {given.weight:g}")
     print(f"{'':<24}{'step [ms]':>10}{'× ours':>8}{'MSE x [mm²]':>13}{'MSE z [mm²]':>13}")
@@ -318,7 +302,7 @@ def main() -> None:
     least = float("nan")
     for name, (method, package) in methods.items():
         if package is not None and find_spec(package) is None:
-            print(f"{name:<24}is not installed: pip install -c constraints.txt -e '.[bench]'")
+            missing(name, f"{package} (pip install -c constraints.txt -e '.[bench]')")
             continue
         seconds, x, z = method(task)
         least = seconds if method is ours else least

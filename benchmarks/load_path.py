@@ -7,29 +7,26 @@ cores there are. Then every sub-step is solved for by itself, from the interpola
 hundred times smaller, and the largest distance of any node is taken.
 """
 
-import argparse
-import os
 import time
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.common import parsed, parser, print_load, show, table
+from benchmarks.scenes import scene
 from pgdl_lab.core import registry
 from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.newton import solve
-from pgdl_lab.running.composing import experiment
 
-SUB_STEPS = 100
 EXACT = 1e-2  # of the tolerance of the path
 
 
-def row(element: str, edge_mm: float) -> list[str]:
+def row(finger: Finger, element: str, edge_mm: float, sub_steps: int) -> list[str]:
     """One line of the table."""
-    solid, finger = registry.plugin("fem", "solid")(), experiment(["finger=pneunet_reference"]).finger
-    pressures = Observation(snapshots=SUB_STEPS).pressures_kpa(finger.max_kpa)
+    solid = registry.plugin("fem", "solid")()
+    pressures = Observation(snapshots=sub_steps).pressures_kpa(finger.max_kpa)
     model = Model(finger, edge_mm, element)
     began = time.perf_counter()
     history = model.load(pressures, solid.newton_mm, solid.interpolation_mm)
@@ -50,19 +47,21 @@ def row(element: str, edge_mm: float) -> list[str]:
 
 def main() -> None:
     """Print the table."""
-    registry.discover()
-    parser = argparse.ArgumentParser(description="Dense output of the load path against equilibria solved for.")
-    parser.add_argument("--element", nargs="+", default=["hex20", "hex27_p1"])
-    parser.add_argument("--edge-mm", type=float, default=3.0)
-    given = parser.parse_args()
-    table = Table(title=f"Gravity and {SUB_STEPS} sub-steps to 50 kPa, edges of {given.edge_mm:g} mm")
-    for heading in ("element", "degrees of freedom", "equilibria", "Newton iterations", "time (s)",
-                    "estimated error (mm)", "largest error (mm)", "100 solves (s) (iterations)"):  # fmt: skip
-        table.add_column(heading, justify="left" if heading == "element" else "right")
+    arguments = parser(__doc__)
+    arguments.add_argument("--element", nargs="+", default=["hex20", "hex27_p1"])
+    arguments.add_argument("--edge-mm", type=float, default=3.0)
+    arguments.add_argument("--sub-steps", type=int, default=100)
+    given = parsed(arguments, edge_mm=6.0, sub_steps=10)
+    finger = scene("pneunet_reference", quick=given.quick).finger
+    headings = (
+        "element", "degrees of freedom", "equilibria", "Newton iterations", "time (s)", "estimated error (mm)",
+        "largest error (mm)", f"{given.sub_steps} solves (s) (iterations)",
+    )  # fmt: skip
+    shown = table(f"Gravity and {given.sub_steps} sub-steps to 50 kPa, edges of {given.edge_mm:g} mm", headings)
     for element in given.element:
-        table.add_row(*row(element, given.edge_mm))
-    Console(width=140).print(table)
-    print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+        shown.add_row(*row(finger, element, given.edge_mm, given.sub_steps))
+    show(shown)
+    print_load()
 
 
 if __name__ == "__main__":

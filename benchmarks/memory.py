@@ -7,15 +7,13 @@ discretisation error it settles on the refined mesh as well. Its largest residen
 `pgdl_lab.mechanics.memory`. With `--large` also meshes that need up to 14 GB and half an hour.
 """
 
-import argparse
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.common import parsed, parser, show, table
 from pgdl_lab.core import registry
 from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.discretisation_error import estimate, refined
@@ -68,25 +66,21 @@ def work(name: str, edge_mm: float, element: str, with_estimate: bool) -> None:
 
 def main() -> None:
     """Measure each scene in a process of its own."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--large", action="store_true", help="also meshes of several GB")
-    parser.add_argument("--scene", nargs=4, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.scene:
-        name, edge, element, with_estimate = arguments.scene
-        work(name, float(edge), element, with_estimate == "True")
-        return
-    table = Table("finger", "edge mm", "element", "estimate", "unknowns", "said GB", "used GB", "said / used")
-    for name, edge_mm, element, with_estimate in SCENES + LARGE * arguments.large:
+    arguments = parser(__doc__)
+    arguments.add_argument("--large", action="store_true", help="also meshes of several GB")
+    given = parsed(arguments)
+    headings = ("finger", "edge mm", "element", "estimate", "unknowns", "said GB", "used GB", "said / used")
+    shown = table("", headings, left=len(headings))
+    for name, edge_mm, element, with_estimate in SCENES[:1] if given.quick else SCENES + LARGE * given.large:
         size, kind = Size.of(made(name).mesh(edge_mm)), ELEMENTS[element]
         size = size.refined() if with_estimate else size
-        scene = [name, str(edge_mm), element, str(with_estimate)]
-        command = [sys.executable, __file__, "--scene", *scene]
+        scene = (name, edge_mm, element, with_estimate)
+        command = [sys.executable, "-c", f"from benchmarks.memory import work; work{scene}"]
         used = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
         said = size.needed(kind)
         figures = [f"{size.unknowns(kind):,}", f"{said / GB:.2f}", f"{used / GB:.2f}", f"{said / used:.2f}"]
-        table.add_row(*scene, *figures)
-    Console(width=100).print(table)
+        shown.add_row(*map(str, scene), *figures)
+    show(shown)
 
 
 if __name__ == "__main__":

@@ -7,10 +7,14 @@ as `model=body`), and prints docs/paper.md's tables in Markdown. Minutes, the si
 """
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
+from benchmarks.common import folders, parsed, parser
+from benchmarks.scenes import COARSE, SMALL
 from pgdl_lab.assessment.paper import PUBLISHED, published
 from pgdl_lab.core import paths
 
@@ -19,8 +23,14 @@ Metrics = dict[str, Any]
 
 def main() -> None:
     """Run what the paper ran, and print the tables."""
-    choices = sys.argv[1:]
-    runs = {scene: run(*scene, choices) for scene in PUBLISHED}
+    arguments = parser(__doc__)
+    arguments.add_argument("choices", nargs="*", metavar="CHOICE")
+    given = parsed(arguments)
+    root, scenes = (folders("paper", True)[0], list(PUBLISHED)[:1]) if given.quick else (paths.ROOT, list(PUBLISHED))
+    runs = {
+        (finger, split): run(root, finger, split, (SMALL[finger] + COARSE if given.quick else []) + given.choices)
+        for finger, split in scenes
+    }
     for (finger, split), metrics in runs.items():
         heading = f"{finger}, {split}: MSE over the points not trained on (mm²)"
         errors(heading, metrics, published(finger, split).mse_mm2)
@@ -28,11 +38,11 @@ def main() -> None:
     base_lines([metrics for (finger, _), metrics in runs.items() if finger == "pneunet"])
 
 
-def run(finger: str, split: str, choices: list[str]) -> Metrics:
-    """The metrics.json of a training."""
+def run(root: Path, finger: str, split: str, choices: list[str]) -> Metrics:
+    """The metrics.json of a training whose folder lies under `root`."""
     command = [sys.executable, "-m", "pgdl_lab", f"finger={finger}", f"split={split}", *choices]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    found: Metrics = json.loads((paths.RUNS / "latest" / "metrics.json").read_text(encoding="utf-8"))
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env={**os.environ, "PGDL_LAB_ROOT": str(root)})
+    found: Metrics = json.loads((root / "runs" / "latest" / "metrics.json").read_text(encoding="utf-8"))
     return found
 
 

@@ -13,7 +13,6 @@ minute. Errors over the points not trained on are appended to docs/data/paper_pr
 figure from these files.
 """
 
-import argparse
 import csv
 import time
 from pathlib import Path
@@ -23,20 +22,19 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pgdl_lab.core import paths
+from benchmarks.common import folders, panels, parsed, parser, save
+from benchmarks.scenes import scene, simulated
 from pgdl_lab.core.files import replacing
-from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.registry import plugin
+from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.jet import Affine
 from pgdl_lab.learning.layers import fully_connected
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.threads import threads
-from pgdl_lab.running import cache
 
-DATA = paths.ROOT / "docs" / "data"
-FIGURE = paths.ROOT / "docs" / "figures" / "paper_protocol.png"
+NAME = "paper_protocol"
 SPLITS = ("random", "extrapolate")
 DEPTH, WIDTH, BATCH, RATE = 8, 100, 512, 1e-3
 SAVE_EVERY_S = 60.0
@@ -123,19 +121,18 @@ class Network:
 class Protocol:
     """One of the paper's two trainings, with its errors on the points that it does not see."""
 
-    def __init__(self, split: str) -> None:
-        discover()
-        finger, fem = plugin("finger", "pneunet")(), plugin("fem", "solid")()
-        self.split = split
-        self.folder = paths.RUNS / "paper_protocol" / split
-        self.csv = DATA / f"paper_protocol_{split}.csv"
+    def __init__(self, split: str, store: Path, data: Path, quick: bool) -> None:
+        made = scene("pneunet", f"split={split}", quick=quick)
+        self.split = made.split
+        self.folder, self.csv = store / split, data / f"{NAME}_{split}.csv"
+        self.csv.parent.mkdir(parents=True, exist_ok=True)
         self.folder.mkdir(parents=True, exist_ok=True)
         kept = self.folder / "snapshots.h5"  # so that a training goes on with the data that it began with
         if not kept.exists():
-            cache.simulate(finger, fem, Observation(), paths.RUNS / "snapshots")[0].save(kept)
+            simulated(made).save(kept)
         self.snapshots = Snapshots.load(kept)
-        train = plugin("split", split)().train_points(self.snapshots, 0)
-        self.samples, self.scene = Samples.of(self.snapshots, train), Scene.of(finger, self.snapshots)
+        train = made.split.train_points(self.snapshots, 0)
+        self.samples, self.scene = Samples.of(self.snapshots, train), Scene.of(made.finger, self.snapshots)
         self.unseen = np.setdiff1d(np.arange(self.snapshots.displacements.size // 2), train)
 
         inputs = np.column_stack([self.samples.points_mm, self.samples.pressures_kpa])
@@ -203,7 +200,7 @@ class Protocol:
     @property
     def highlights(self) -> NDArray[np.int64]:
         """The pressures that the paper reports."""
-        return plugin("split", self.split)().highlights(self.snapshots.pressures_kpa)
+        return self.split.highlights(self.snapshots.pressures_kpa)
 
     def train(self, epochs: int) -> None:
         """Go on to `epochs`."""
@@ -225,7 +222,7 @@ class Protocol:
                 row = [self.epoch, round(self.seconds), float(loss.sum()) / len(self.inputs), *self.errors()]
                 with self.csv.open("a", encoding="utf-8") as file:
                     file.write(",".join(f"{value:.6g}" for value in row) + "\n")
-                print(f"{self.split}: epoch {row[0]}, {row[1]} s, trained {row[2]:.3g}, unseen x {row[3]:.3g}, "
+                print(f"{self.csv.stem}: epoch {row[0]}, {row[1]} s, trained {row[2]:.3g}, unseen x {row[3]:.3g}, "
                       f"z {row[4]:.3g} mm²", flush=True)  # fmt: skip
                 begun = time.monotonic()
             if now - saved > SAVE_EVERY_S or self.epoch == epochs:
@@ -251,16 +248,12 @@ class Protocol:
         )
 
 
-def draw() -> None:
+def draw(data: Path, path: Path) -> None:
     """Errors against epochs, of the trainings that there are."""
-    import matplotlib.pyplot as plt
-
-    found = [split for split in SPLITS if (DATA / f"paper_protocol_{split}.csv").exists()]
-    figure, axes = plt.subplots(
-        1, len(found), figsize=(1 + 4 * len(found), 3.6), sharey=True, squeeze=False, layout="constrained"
-    )
+    found = [split for split in SPLITS if (data / f"{NAME}_{split}.csv").exists()]
+    figure, axes = panels(1, len(found), (1 + 4 * len(found), 3.6), sharey=True, squeeze=False)
     for axis, split in zip(axes[0], found, strict=True):
-        with (DATA / f"paper_protocol_{split}.csv").open(encoding="utf-8") as file:
+        with (data / f"{NAME}_{split}.csv").open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         epochs = [float(row["epoch"]) for row in rows]
         last = [name.partition("_")[2] for name in rows[0] if name.startswith("x_")][-1]
@@ -274,23 +267,24 @@ def draw() -> None:
         axis.grid(which="major", alpha=0.3)
         axis.legend(frameon=False)
     axes[0, 0].set_ylabel("mean squared error (mm²)")
-    figure.savefig(FIGURE, dpi=150)
+    save(figure, path, dpi=150)
 
 
 def main() -> None:
     """Train, or draw what the trainings left."""
-    parser = argparse.ArgumentParser(description="The paper's training to its end.")
-    parser.add_argument("--split", default="random", choices=SPLITS)
-    parser.add_argument("--epochs", type=int, default=100_000)
-    parser.add_argument("--draw", action="store_true", help="make the figure, train nothing")
-    given = parser.parse_args()
-    if given.draw:
-        draw()
-        return
-    protocol = Protocol(given.split)
-    protocol.check()
-    with threads(1), torch.no_grad():
-        protocol.train(given.epochs)
+    arguments = parser(__doc__)
+    arguments.add_argument("--split", default="random", choices=SPLITS)
+    arguments.add_argument("--epochs", type=int, default=100_000)
+    arguments.add_argument("--draw", action="store_true", help="make the figure, train nothing")
+    given = parsed(arguments, epochs=5)
+    store, docs = folders(NAME, given.quick)
+    if not given.draw:
+        protocol = Protocol(given.split, store, docs / "data", given.quick)
+        protocol.check()
+        with threads(1), torch.no_grad():
+            protocol.train(given.epochs)
+    if given.draw or given.quick:
+        draw(docs / "data", docs / "figures" / f"{NAME}.png")
 
 
 if __name__ == "__main__":

@@ -11,21 +11,19 @@ would give.
 """
 
 import itertools
-import sys
+from collections.abc import Iterable
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from pgdl_lab.core import paths, registry
-from pgdl_lab.core.snapshots import Observation
+from benchmarks import common
+from benchmarks.scenes import scene, simulated
+from pgdl_lab.core import registry
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.separable import RIDGE, SeparableRegression
 from pgdl_lab.mechanics.linear import symmetric_solver
-from pgdl_lab.running import cache
 from pgdl_lab.surrogate.triangulation import Triangulation
 
 Floats = NDArray[np.float64]
@@ -36,7 +34,6 @@ DEGREE, ROUNDS, DRAWS, POINTS = 6, 4, 16, 1200
 SHARES = (0.05, 0.01, 0.002)
 ALPHAS = (0.3, 1.0, 3.0)
 BETAS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0)
-SEEDS = range(int(sys.argv[1]) if len(sys.argv) > 1 else 3)
 
 
 def unbalanced(body: Triangulation, lame_mpa: float, shear_mpa: float, *, membrane: bool) -> sp.csr_matrix:
@@ -69,22 +66,26 @@ def unbalanced(body: Triangulation, lame_mpa: float, shear_mpa: float, *, membra
 
 def main() -> None:
     """Print the table."""
-    registry.discover()
-    finger, solid = registry.plugin("finger", "pneunet")(), registry.plugin("fem", "solid")(estimate_error=False)
-    snapshots, _, _ = cache.simulate(finger, solid, Observation(points=POINTS), paths.RUNS / "snapshots")
-    scene = Scene.of(finger, snapshots)
-    body = Triangulation(scene.points_mm, scene.triangles)
+    arguments = common.parser(__doc__)
+    arguments.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    arguments.add_argument("--shares", type=float, nargs="+", default=SHARES, help="of the points that are trained on")
+    given = common.parsed(arguments, seeds=[0], shares=[0.05])
+    points = () if given.quick else (f"observation.points={POINTS}",)
+    made = scene("pneunet", "fem.estimate_error=false", *points, quick=given.quick)
+    snapshots = simulated(made)
+    face = Scene.of(made.finger, snapshots)
+    body = Triangulation(face.points_mm, face.triangles)
     kpa = snapshots.pressures_kpa
     penalties = {
-        name: unbalanced(body, scene.lame_mpa, scene.shear_modulus_mpa, membrane=name == "membrane") for name in NAMES
+        name: unbalanced(body, face.lame_mpa, face.shear_modulus_mpa, membrane=name == "membrane") for name in NAMES
     }
     found: Errors = {}
-    for split, share, seed in itertools.product(("random", "extrapolate"), SHARES, SEEDS):
+    for split, share, seed in itertools.product(("random", "extrapolate"), given.shares, given.seeds):
         rule = registry.plugin("split", split)(points=round(share * snapshots.displacements[..., 0].size))
         train = rule.train_points(snapshots, seed)
         samples = Samples.of(snapshots, train)
         regression = SeparableRegression(
-            body, scene.clamp, samples, np.array([0.0, samples.pressures_kpa.max()]), DEGREE
+            body, face.clamp, samples, np.array([0.0, samples.pressures_kpa.max()]), DEGREE
         )
         rng, prior = np.random.default_rng(seed), regression.first_prior()
         for _ in range(ROUNDS):
@@ -98,7 +99,7 @@ def main() -> None:
             square.flat[train] = np.nan
             errors = tuple(float(np.sqrt(np.nanmean(square[which]))) for which in (kpa <= 44, kpa > 44))
             found.setdefault((split, share, name, alpha, beta), []).append((errors[0], errors[1]))
-    show(found)
+    show(found, given.shares)
 
 
 def solve(
@@ -127,26 +128,25 @@ def solve(
     return np.einsum("pk,ink->pni", polynomials, nodal)
 
 
-def show(found: Errors) -> None:
+def show(found: Errors, shares: Iterable[float]) -> None:
     """Best smoothness alone beside best smoothness with either penalty."""
-    table = Table(title="RMS error in mm, mean over seeds (least … greatest), best α and β each")
-    for heading in ("split", "points", "judged", "smoothness alone", *NAMES):
-        table.add_column(heading, justify="right")
-    for split, share, judged in itertools.product(("random", "extrapolate"), SHARES, (0, 1)):
+    title = "RMS error in mm, mean over seeds (least … greatest), best α and β each"
+    table = common.table(title, ("split", "points", "judged", "smoothness alone", *NAMES), left=0)
+    for split, share, judged in itertools.product(("random", "extrapolate"), shares, (0, 1)):
 
         def errors(name: str, beta: float, at: tuple[str, float, int] = (split, share, judged)) -> Floats:
             tried = [[pair[at[2]] for pair in found[at[0], at[1], name, alpha, beta]] for alpha in ALPHAS]
             return np.array(min(tried, key=np.mean))
 
         alone = errors(NAMES[0], 0.0)
-        cells = [f"{alone.mean():.3g} ({alone.min():.3g} … {alone.max():.3g})"]
+        cells = [common.spread(alone)]
         for name in NAMES:
             tried = {beta: errors(name, beta) for beta in BETAS[1:]}
             beta, least = min(tried.items(), key=lambda pair: pair[1].mean())
             ratio = least / alone
-            cells.append(f"×{ratio.mean():.2f} ({ratio.min():.2f} … {ratio.max():.2f}), β = {beta:g}")
+            cells.append(f"×{common.spread(ratio, form='.2f')}, β = {beta:g}")
         table.add_row(split, f"{share:.1%}", ("up to 44 kPa", "above 44 kPa")[judged], *cells)
-    Console(width=150).print(table)
+    common.show(table)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ Trees and thin-plate splines are compared here alone; the Gaussian process is a 
 are taken from the cache, or simulated; the split is `random`.
 """
 
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,13 +16,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from sklearn.ensemble import ExtraTreesRegressor
 
-from pgdl_lab.core import paths
-from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Observation, Snapshots
-from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.learning.scene import Scene
-from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
-from pgdl_lab.running.cache import simulate
+from benchmarks.common import parsed, parser
+from benchmarks.scenes import scene, simulated, unseen_of
+from pgdl_lab.core.registry import plugin
+from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.learning.data import Training
 
 Floats = NDArray[np.float64]
 Rule = Callable[[Training, Snapshots], Floats]
@@ -92,20 +89,18 @@ RULES: dict[str, Rule] = {
 }
 
 
-def main(fingers: list[str]) -> None:
+def main() -> None:
     """Print a table of errors over unseen points and of the time for training and five predicted snapshots."""
-    discover()
+    arguments = parser(__doc__)
+    arguments.add_argument("fingers", nargs="*", default=["pneunet"])
+    given = parsed(arguments)
     print(f"{'finger':<9}{'method':<62}{'MSE x [mm²]':>12}{'MSE z [mm²]':>12}{'time [s]':>10}")
-    for name in fingers:
-        finger = plugin("finger", name)()
-        snapshots, *_ = simulate(finger, plugin("fem", "solid")(), Observation(), paths.RUNS / "snapshots")
-        train = plugin("split", "random")().train_points(snapshots, 0)
-        unseen = np.ones(snapshots.displacements.shape[:2], dtype=bool)
-        unseen.flat[train] = False
-        training = Training.of(
-            Samples.of(snapshots, train), Scene.of(finger, snapshots), {"data": plugin("loss", "data")()},
-            TrainerSettings(), OptimizerSettings(), 0, Path(), {},
-        )  # fmt: skip
+    for name in given.fingers:
+        made = scene(name, quick=given.quick)
+        snapshots = simulated(made)
+        train = made.split.train_points(snapshots, 0)
+        unseen = unseen_of(snapshots, train)
+        training = made.training(snapshots, train, Path())
         for title, rule in RULES.items():
             start = time.perf_counter()
             predicted = rule(training, snapshots)
@@ -116,4 +111,4 @@ def main(fingers: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or ["pneunet"])
+    main()

@@ -7,19 +7,16 @@ there, with the time that they took when they were made. The others are computed
 taken. A tip is the end of the base line; per cent are of its displacement.
 """
 
-import os
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
-from pgdl_lab.core import paths, registry
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from benchmarks.common import parsed, parser, print_load, show, table
+from benchmarks.scenes import scene, simulated
+from pgdl_lab.core import registry
+from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.mechanics.fem import Fem
-from pgdl_lab.running import cache
-from pgdl_lab.running.composing import experiment
 
 FINGERS = ("pneunet", "pneunet_reference", "joints", "bellows")
 RUNGS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -48,28 +45,28 @@ class Error:
 
 def main() -> None:
     """Print the table."""
-    registry.discover()
-    observation, solid = Observation(), registry.plugin("fem", "solid")()
-    table = Table(title="Cheap models against the solid, at half and full pressure")
-    for column in ("finger", "model", "kPa", "tip (mm)", "of the way", "rms (mm)", "time (s)", "solid / model"):
-        table.add_column(column, justify="right" if column not in ("finger", "model") else "left", no_wrap=True)
-    for name in FINGERS:
-        finger = experiment([f"finger={name}"]).finger
-        reference, _, _ = cache.simulate(finger, solid, observation, paths.RUNS / "snapshots")
+    arguments = parser(__doc__)
+    arguments.add_argument("fingers", nargs="*", default=FINGERS)
+    given = parsed(arguments, fingers=["pneunet"])
+    headings = ("finger", "model", "kPa", "tip (mm)", "of the way", "rms (mm)", "time (s)", "solid / model")
+    shown = table("Cheap models against the solid, at half and full pressure", headings, left=2)
+    for name in given.fingers:
+        made = scene(name, quick=given.quick)
+        reference, observation = simulated(made), made.observation
         for rung, (plugin, fields) in RUNGS.items():
             fem: Fem = registry.plugin("fem", plugin)(**fields)
-            fem.simulate(finger, observation)
-            snapshots = fem.simulate(finger, observation)
+            fem.simulate(made.finger, observation)
+            snapshots = fem.simulate(made.finger, observation)
             seconds = snapshots.provenance["seconds"]
             ratio = reference.provenance["seconds"] / seconds
             half, full = observation.snapshots // 2 - 1, observation.snapshots - 1
             for number, rest in ((half, ("", "")), (full, (f"{seconds:.2f}", f"{ratio:.0f}×"))):
                 error, kpa = Error.of(snapshots, reference, number), reference.pressures_kpa[number]
                 share = f"{error.tip_mm / error.moved_mm:.1%}"
-                table.add_row(name, rung, f"{kpa:g}", f"{error.tip_mm:.2f}", share, f"{error.rms_mm:.2f}", *rest)
-        table.add_section()
-    Console(width=120).print(table)
-    print(f"load of the machine in the last minute: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+                shown.add_row(name, rung, f"{kpa:g}", f"{error.tip_mm:.2f}", share, f"{error.rms_mm:.2f}", *rest)
+        shown.add_section()
+    show(shown)
+    print_load()
 
 
 if __name__ == "__main__":

@@ -6,13 +6,13 @@ The reference is `fem=solid` with its default element on 3 mm. Per cent are of w
 the solid: under a little pressure without weight, and under a little weight without pressure.
 """
 
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.common import parsed, parser, show, table
 from pgdl_lab.core import registry
 from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.mechanics.fem import Fem
@@ -37,11 +37,15 @@ def fingers() -> Iterator[list[str]]:
 
 def main() -> None:
     """Print the table."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--edge-mm", type=float, default=3.0, help="edges of the solid's mesh")
+    arguments.add_argument("--most", type=int, help="only the first so many fingers")
+    given = parsed(arguments, edge_mm=6.0, most=2)
     registry.discover()
-    solid: Fem = registry.plugin("fem", "solid")(estimate_error=False)
+    solid: Fem = registry.plugin("fem", "solid")(edge_mm=given.edge_mm, estimate_error=False)
     rod: Fem = registry.plugin("fem", "rod")()
-    table = Table("finger", "segments", *LOADS, title="fem=rod against the solid at small loads")
-    for typed in fingers():
+    shown = table("fem=rod against the solid at small loads", ("finger", "segments", *LOADS), left=2 + len(LOADS))
+    for typed in itertools.islice(fingers(), given.most):
         cells = []
         for load in LOADS.values():
             finger: Any = experiment([*typed, *load]).finger
@@ -50,8 +54,8 @@ def main() -> None:
                 for snapshots in (fem.simulate(finger, Observation(1, 800)) for fem in (solid, rod))
             )
             cells.append(f"{np.linalg.norm(found - exact) / np.linalg.norm(exact):.1%}")
-        table.add_row(" ".join(typed), str(len(cuts(finger.profile())) - 1), *cells)
-    Console(width=120).print(table)
+        shown.add_row(" ".join(typed), str(len(cuts(finger.profile())) - 1), *cells)
+    show(shown)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ metrics.json and nothing else, so with Hydra's configuration, a folder, a log an
 the program and the report at the end are not in the time of a trial, and shown by themselves.
 """
 
-import argparse
 import contextlib
 import cProfile
 import io
@@ -22,8 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+from benchmarks.common import parsed, parser, show, table
 
 SPACE = ("finger.width_mm=interval(12,14)", "finger.wall_mm=interval(2.5,3.5)")
 OBJECTIVE = "value"
@@ -104,10 +102,10 @@ def _differences(ends: list[float]) -> list[float]:
 
 def main() -> None:
     """Run the three loops and print the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--profile", action="store_true", help="show where the whole program spends its time")
-    chosen = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--trials", type=int, default=200)
+    arguments.add_argument("--profile", action="store_true", help="show where the whole program spends its time")
+    chosen = parsed(arguments, trials=5)
     with tempfile.TemporaryDirectory() as place:
         os.environ["PGDL_LAB_ROOT"] = place  # before the lab is imported
         import optuna
@@ -121,13 +119,12 @@ def main() -> None:
         if chosen.profile:
             profile.disable()
             pstats.Stats(profile).sort_stats("cumulative").print_stats(60)
-        table = Table(title=f"{chosen.trials} empty trials, milliseconds each")
-        for heading in ("loop", "median", "mean", "first 20", "last 20"):
-            table.add_column(heading, justify="right")
+        headings = ("loop", "median", "mean", "first 20", "last 20")
+        shown = table(f"{chosen.trials} empty trials, milliseconds each", headings, left=0)
         for name, seconds in loops.items():
             means = (statistics.fmean(part) for part in (seconds, seconds[:20], seconds[-20:]))
-            table.add_row(name, *(f"{1e3 * value:.1f}" for value in (statistics.median(seconds), *means)))
-        Console().print(table)
+            shown.add_row(name, *(f"{1e3 * value:.1f}" for value in (statistics.median(seconds), *means)))
+        show(shown)
         print(f"start and report of the whole program: {rest:.1f} s")
 
 

@@ -11,14 +11,12 @@ journal, be it a file or in PostgreSQL, each of them reads what all others write
 own in PostgreSQL (`RDBStorage`): a hundred trials tell.
 """
 
-import argparse
 import multiprocessing
 import os
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
@@ -27,15 +25,14 @@ from typing import Any
 import optuna
 from optuna.storages import BaseStorage, RDBStorage
 from optuna.trial import TrialState
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.common import missing, parsed, parser, show, table
 from pgdl_lab.search.journal import KernelLock
 from pgdl_lab.search.settings import SearchSettings
 from pgdl_lab.search.space import parse
 from pgdl_lab.search.storage import open_storage
 from pgdl_lab.search.study import SharedStudy
-from tests import postgres
+from tests import needs, postgres
 
 SPACE = ("a=interval(0,1)", "b=interval(0,1)")
 KINDS = ["journal", "postgresql", "tables"]
@@ -123,15 +120,14 @@ def measure(kind: str, workers: int, url: str | None, trials: int, folder: Path)
     ]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Measure and print the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--trials", type=int, default=5000)
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 4, 16, 64])
-    parser.add_argument("--storages", nargs="+", default=KINDS[:2], choices=KINDS)
-    chosen = parser.parse_args(arguments)
+    arguments = parser(__doc__)
+    arguments.add_argument("--trials", type=int, default=5000)
+    arguments.add_argument("--workers", type=int, nargs="+", default=[1, 4, 16, 64])
+    arguments.add_argument("--storages", nargs="+", default=KINDS[:2], choices=KINDS)
+    chosen = parsed(arguments, trials=20, workers=[1, 2])
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the server ends with this program
-    table = Table(title=f"{chosen.trials} empty trials on one study, {os.cpu_count()} cores for all workers")
     headings = (
         "storage",
         "workers",
@@ -142,9 +138,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "a worker's CPU (ms)",
         "exact",
     )
-    for heading in headings:
-        table.add_column(heading, justify="right")
+    title = f"{chosen.trials} empty trials on one study, {os.cpu_count()} cores for all workers"
+    shown = table(title, headings, left=0)
     for storage in chosen.storages:
+        if storage != "journal" and needs.program("initdb") is None:
+            missing(storage, f"Debian's {needs.DEBIAN['initdb']}")
+            continue
         for workers in chosen.workers:
             with ExitStack() as stack:
                 folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -152,9 +151,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 if storage != "journal":
                     url = stack.enter_context(postgres.server("max_connections=200"))
                 row = (storage, str(workers), *measure(storage, workers, url, chosen.trials, folder))
-                table.add_row(*row)
+                shown.add_row(*row)
                 print(*row, flush=True)
-    Console(width=120).print(table)
+    show(shown)
 
 
 if __name__ == "__main__":

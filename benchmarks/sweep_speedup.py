@@ -8,7 +8,6 @@ beside the trainings, whatever else the machine does: each loads the libraries, 
 more than N workers gain nothing.
 """
 
-import argparse
 import os
 import resource
 import shutil
@@ -21,15 +20,17 @@ from pathlib import Path
 
 import optuna
 from optuna.trial import TrialState
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.common import missing, parsed, parser, show, table
+from benchmarks.scenes import COARSE, SMALL, scene, simulated
 from pgdl_lab.core import paths
 from pgdl_lab.search.storage import open_storage
-from tests import postgres
+from tests import needs, postgres
+
+STORAGES = ["journal", "postgresql"]
 
 
-def measure(workers: int, storage: str, trials: int, epochs: int, database: Path) -> tuple[float, float, int]:
+def measure(workers: int, storage: str, trials: int, choices: list[str], database: Path) -> tuple[float, float, int]:
     """Seconds until the search has ended, processor time [s] and the number of different seeds that were trained."""
     with ExitStack() as stack:
         root = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -40,7 +41,7 @@ def measure(workers: int, storage: str, trials: int, epochs: int, database: Path
         (root / "runs" / "snapshots").symlink_to(paths.RUNS / "snapshots")
         shutil.copy(database, root / "mlflow.db")
         command = [sys.executable, "-m", "pgdl_lab", "-m", "sweep=seeds", f"seed=range(0,{trials})"]
-        command += [f"trainer.max_epochs={epochs}", f"hydra.sweeper.n_trials={trials}"]
+        command += [*choices, f"hydra.sweeper.n_trials={trials}"]
         command += [f"hydra.sweeper.workers={workers}", *([f"hydra.sweeper.storage='{url}'"] if url else [])]
         environment = {**os.environ, "PGDL_LAB_ROOT": str(root)}
         before = _processor()
@@ -64,29 +65,36 @@ def _processor() -> float:
 
 def main() -> None:
     """Measure and print the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--trials", type=int, default=8)
-    parser.add_argument("--epochs", type=int, default=20)
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
-    parser.add_argument("--storages", nargs="+", default=["journal", "postgresql"], choices=["journal", "postgresql"])
-    chosen = parser.parse_args()
-    table = Table(title=f"{chosen.trials} trainings of {chosen.epochs} epochs on {os.cpu_count()} cores")
-    for heading in ("storage", "workers", "time (s)", "speed-up", "processor time (s)", "trials"):
-        table.add_column(heading, justify="right")
+    arguments = parser(__doc__)
+    arguments.add_argument("--trials", type=int, default=8)
+    arguments.add_argument("--epochs", type=int, default=20)
+    arguments.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
+    arguments.add_argument(
+        "--storages", nargs="+", default=["journal", "postgresql"], choices=["journal", "postgresql"]
+    )
+    chosen = parsed(arguments, trials=2, epochs=2, workers=[2], storages=["journal"])
+    choices = [*(SMALL["pneunet"] + COARSE if chosen.quick else []), f"trainer.max_epochs={chosen.epochs}"]
+    simulated(scene("pneunet", quick=chosen.quick))  # all rows find the snapshots there
+    headings = ("storage", "workers", "time (s)", "speed-up", "processor time (s)", "trials")
+    title = f"{chosen.trials} trainings of {chosen.epochs} epochs on {os.cpu_count()} cores"
+    shown = table(title, headings, left=0)
     with tempfile.TemporaryDirectory() as place:
         database = Path(place) / "mlflow.db"
         from mlflow import MlflowClient
 
         MlflowClient(f"sqlite:///{database}").search_experiments()  # makes the tables, which takes seconds
         for storage in chosen.storages:
+            if storage == "postgresql" and needs.program("initdb") is None:
+                missing(storage, f"Debian's {needs.DEBIAN['initdb']}")
+                continue
             first = None
             for workers in chosen.workers:
-                seconds, processor, count = measure(workers, storage, chosen.trials, chosen.epochs, database)
+                seconds, processor, count = measure(workers, storage, chosen.trials, choices, database)
                 first = first or seconds
                 figures = (f"{seconds:.1f}", f"{first / seconds:.2f}", f"{processor:.1f}", f"{count}")
                 print(storage, workers, *figures, flush=True)
-                table.add_row(storage, str(workers), *figures)
-    Console().print(table)
+                shown.add_row(storage, str(workers), *figures)
+    show(shown)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ entries of a loss history as a training leaves; then starts MLflow's server on i
 newest hundred runs, for the best hundred, for all children of the study, for one run and for one loss history.
 """
 
-import argparse
 import json
 import os
 import socket
@@ -22,8 +21,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+from benchmarks.common import parsed, parser, show, table
 
 METRICS, EPOCHS, SETTINGS = 60, 40, 60  # of one trial of sweep=architecture
 REPEATS = 7
@@ -67,9 +65,9 @@ def ask(url: str, body: Mapping[str, Any] | None = None) -> tuple[float, dict[st
 
 def main() -> None:
     """Fill, ask and print the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--trials", type=int, default=500)
-    chosen = parser.parse_args()
+    arguments = parser(__doc__)
+    arguments.add_argument("--trials", type=int, default=500)
+    chosen = parsed(arguments, trials=5)
     with tempfile.TemporaryDirectory() as place:
         os.environ["PGDL_LAB_ROOT"] = place  # before the lab is imported
         experiment, parent, children, seconds = fill(chosen.trials)
@@ -99,15 +97,14 @@ def main() -> None:
                     if time.monotonic() > limit:
                         raise
                     time.sleep(0.5)
-            table = Table(title=f"MLflow's server on {chosen.trials} trials, {REPEATS} times each")
-            for heading in ("asked for", "entries", "median (ms)", "worst (ms)"):
-                table.add_column(heading, justify="left" if heading == "asked for" else "right")
+            title = f"MLflow's server on {chosen.trials} trials, {REPEATS} times each"
+            shown = table(title, ("asked for", "entries", "median (ms)", "worst (ms)"))
             for name, question in questions.items():
                 asked = [ask(*question) for _ in range(REPEATS)]
                 times, answer = [took for took, _ in asked], asked[0][1]
                 entries = len(answer.get("runs") or answer.get("metrics") or [1])
-                table.add_row(name, str(entries), f"{statistics.median(times):.0f}", f"{max(times):.0f}")
-            Console().print(table)
+                shown.add_row(name, str(entries), f"{statistics.median(times):.0f}", f"{max(times):.0f}")
+            show(shown)
             print(f"noting a trial took {1e3 * seconds:.0f} ms")
         finally:
             server.terminate()

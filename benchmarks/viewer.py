@@ -7,7 +7,6 @@ card the slider is moved in every frame, on a desktop's and on a phone's screen 
 of which the browser shows 60 at most, the longest time between two, and how long the page itself computes for one.
 """
 
-import argparse
 import io
 import tempfile
 from pathlib import Path
@@ -16,7 +15,11 @@ import numpy as np
 from PIL import Image
 from selenium.webdriver import Chrome
 
+from benchmarks.common import folders, parsed, parser, skip
+from benchmarks.scenes import fitted, scene, simulated
 from pgdl_lab.running.folders import stored_run
+from pgdl_lab.surrogate.viewer import page
+from tests.needs import DEBIAN, program
 from tests.surrogate.browser import browser
 
 SCREENS = {"desktop": (1280, 720, 1), "phone": (390, 844, 2)}  # width and height in CSS pixels, and dots in each
@@ -37,16 +40,19 @@ requestAnimationFrame(step);
 
 def main() -> None:
     """Print the table, and take the picture."""
-    parser = argparse.ArgumentParser(description="Frame rate of the viewer.")
-    parser.add_argument("run", nargs="?", default="runs/latest", help="folder of a training")
-    parser.add_argument("--seconds", type=float, default=3.0, help="for each measurement")
-    parser.add_argument("--picture", type=Path, help="PNG file of the page on both screens")
-    given = parser.parse_args()
-    page = stored_run(given.run) / "viewer.html"
+    arguments = parser(__doc__)
+    arguments.add_argument("run", nargs="?", default="runs/latest", help="folder of a training")
+    arguments.add_argument("--seconds", type=float, default=3.0, help="for each measurement")
+    arguments.add_argument("--picture", type=Path, help="PNG file of the page on both screens")
+    given = parsed(arguments, seconds=0.2)
+    for name in ("chromium", "chromedriver"):
+        if program(name) is None:
+            skip(name, f"Debian's {DEBIAN[name]}")
+    place = small_page() if given.quick else stored_run(given.run) / "viewer.html"
     print(LINE.format("screen", "colour", "frames/s", "longest gap (ms)", "computing (ms)"))
     with tempfile.TemporaryDirectory() as folder, browser(Path(folder)) as window:
         window.set_script_timeout(given.seconds + 60)
-        window.get(page.as_uri())
+        window.get(place.as_uri())
         pictures = []
         for screen, (width, height, dots) in SCREENS.items():
             size = {"width": width, "height": height, "deviceScaleFactor": dots, "mobile": screen == "phone"}
@@ -60,6 +66,16 @@ def main() -> None:
             pictures.append(picture(window))
     if given.picture:
         together(pictures).save(given.picture)
+
+
+def small_page() -> Path:
+    """The page of a small finger."""
+    made = scene("pneunet", quick=True)
+    snapshots = simulated(made)
+    surrogate, _ = fitted(made, snapshots, made.split.train_points(snapshots, made.seed))
+    path = folders("viewer", quick=True)[1] / "viewer.html"
+    path.write_text(page(surrogate, snapshots, "Finger “pneunet”"), encoding="utf-8")
+    return path
 
 
 def picture(window: Chrome) -> Image.Image:
