@@ -302,7 +302,7 @@ def main() -> None:
     least = float("nan")
     for name, (method, package) in methods.items():
         if package is not None and find_spec(package) is None:
-            missing(name, f"{package} (pip install -c constraints.txt -e '.[bench]')")
+            missing(name, package)
             continue
         seconds, x, z = method(task)
         least = seconds if method is ours else least
