@@ -26,7 +26,7 @@ def main() -> None:
     arguments = parser(__doc__)
     arguments.add_argument("--finger", default="joints")
     arguments.add_argument("--edge", type=float, default=0.9, help="longest edges of the finer mesh [mm]")
-    given = parsed(arguments, edge=2.5)
+    given = parsed(arguments, finger="pneunet", edge=2.5)
     small = [*SMALL[given.finger], *COARSE] if given.quick else []
     config = composed([f"finger={given.finger}", "task=chart", *small])
     made, settings = Experiment.from_config(config), chart_settings(config)
