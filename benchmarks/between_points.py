@@ -46,10 +46,10 @@ def main() -> None:
                         trial.optimizer, trial.seed, Path(place), {},
                     )
                 )  # fmt: skip
-            error = np.abs(surrogate.predict(finer.points, finer.pressures_kpa) - finer.displacements)
-            bars = surrogate.error_bar(finer.points, finer.pressures_kpa)
+            error = np.abs(surrogate.predict(finer.domain.points_mm, finer.pressures_kpa) - finer.displacements)
+            bars = surrogate.error_bar(finer.domain.points_mm, finer.pressures_kpa)
             assert bars is not None  # the default model has them
-            _, weights = Triangulation(scene.points_mm, scene.triangles).locate(finer.points)
+            _, weights = Triangulation(scene.domain.points_mm, scene.domain.cells).locate(finer.domain.points_mm)
             near = weights.max(axis=1) > NEAR
             for name, which in (("at", near), ("between", ~near)):
                 mse = (error[:, which] ** 2).mean(axis=(0, 1))

@@ -26,8 +26,8 @@ from rich.table import Table
 
 from pgdl_lab.core import paths
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe, plugin
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.running.cache import simulate
 from pgdl_lab.running.composing import experiment
 from pgdl_lab.running.experiment import Experiment
@@ -138,7 +138,7 @@ def error(scene: Scene, case: Experiment, choice: Choice) -> float:
     which = truth.among(choice.snapshots.pressures_kpa)
     shown = choice.snapshots.displacements[which]
     if choice.surrogate is not None:
-        shown = choice.surrogate.predict(choice.snapshots.points, choice.snapshots.pressures_kpa[which])
+        shown = choice.surrogate.predict(choice.snapshots.domain.points_mm, choice.snapshots.pressures_kpa[which])
     return largest(shown - truth.displacements)
 
 

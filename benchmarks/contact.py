@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.finger import Finger

@@ -2,7 +2,7 @@
 
     python benchmarks/discretisation.py
 
-For each finger the default mesh (fem.edge_mm=3) and one with half the edges, eight times as many elements. Snapshots
+For each finger the default mesh (fem.edge_mm=3) and one with half the edges, eight times as many elements. Dataset
 are kept in runs/snapshots as those of any run; the finer ones take minutes each. Errors are displacement differences
 at the end of the base line. The figure is docs/figures/discretisation.png.
 """
@@ -16,8 +16,9 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab.core import paths, registry
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.files import replacing
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.running import cache
 from pgdl_lab.running.composing import experiment
 
@@ -46,8 +47,8 @@ class Result:
     seconds: tuple[float, float]
 
     @classmethod
-    def of(cls, coarse: Snapshots, fine: Snapshots) -> "Result":
-        tip = coarse.base[-1]
+    def of(cls, coarse: Dataset, fine: Dataset) -> "Result":
+        tip = coarse.domain.base[-1]
         difference = np.linalg.norm(coarse.displacements[:, tip] - fine.displacements[:, tip], axis=1)
         moved = np.linalg.norm(fine.displacements[:, tip], axis=1)
         times = coarse.provenance["seconds"], fine.provenance["seconds"]

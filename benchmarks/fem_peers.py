@@ -17,8 +17,9 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab.core import registry
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import LabError
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics import calculix  # noqa: F401 (imported, with all it needs, before any time is taken)
 from pgdl_lab.mechanics.calculix_program import program, version
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
@@ -30,9 +31,9 @@ console = Console(width=100)
 
 @dataclass(frozen=True)
 class Timed:
-    """Snapshots, and the wall and processor time [s] they took."""
+    """Dataset, and the wall and processor time [s] they took."""
 
-    snapshots: Snapshots
+    snapshots: Dataset
     wall_s: float
     cpu_s: float
 

@@ -24,9 +24,9 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab.core import paths
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.files import replacing
 from pgdl_lab.core.registry import describe, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.running import cache
@@ -71,9 +71,7 @@ def _told(found: list[dict[str, float]], name: str) -> str:
     return f"{np.median(values):.2g} ({values.min():.2g} … {values.max():.2g})"
 
 
-def _result(
-    trial: Experiment, snapshots: Snapshots, path: Path, model: str, points: int, seed: int
-) -> dict[str, float]:
+def _result(trial: Experiment, snapshots: Dataset, path: Path, model: str, points: int, seed: int) -> dict[str, float]:
     """The measurement of one training within and one beyond, from the store or made now."""
     package = Path(cache.__file__).parent
     code = sorted([*(package / "learning").glob("*.py"), *(package.parent / "plugins" / "model").glob("*.py")])
@@ -85,8 +83,10 @@ def _result(
         began = time.perf_counter()
         for where, below in (("within", 1.0), ("beyond", BELOW)):
             surrogate, seen = _trained(trial, snapshots, model, points, seed, below)
-            error = np.abs(surrogate.predict(snapshots.points, snapshots.pressures_kpa) - snapshots.displacements)
-            bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+            error = np.abs(
+                surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa) - snapshots.displacements
+            )
+            bars = surrogate.error_bar(snapshots.domain.points_mm, snapshots.pressures_kpa)
             judged = ~seen
             judged[: -1 if where == "beyond" else None] &= where == "within"
             assert bars is not None
@@ -102,11 +102,11 @@ def _result(
 
 
 def _trained(
-    trial: Experiment, snapshots: Snapshots, model: str, points: int, seed: int, below: float
+    trial: Experiment, snapshots: Dataset, model: str, points: int, seed: int, below: float
 ) -> tuple[Surrogate, Any]:
     """A surrogate, and which points (P, N) it was trained on."""
     pressures = snapshots.pressures_kpa
-    among = int((pressures <= below * pressures[-1] * (1 + 1e-9)).sum()) * len(snapshots.points)
+    among = int((pressures <= below * pressures[-1] * (1 + 1e-9)).sum()) * len(snapshots.domain.points_mm)
     train = np.sort(np.random.default_rng(seed).choice(among, points, replace=False))
     seen = np.zeros(snapshots.displacements.shape[:2], dtype=bool)
     seen.ravel()[train] = True
@@ -119,7 +119,7 @@ def _trained(
             return plugin("model", model)().fit(training), seen
         hybrid: Any = plugin("model", "hybrid")()
         field, _ = hybrid.begin(training)  # its network adds nothing yet
-        record = Record(training.samples.ranges(), {}, face=training.scene.face)
+        record = Record(training.samples.ranges(), {}, domain=training.scene.kept_domain)
         return hybrid.finished(field, record, training), seen
 
 

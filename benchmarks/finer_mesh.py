@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from pgdl_lab.core import paths
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
@@ -38,7 +38,7 @@ def main() -> None:
     for fem in (solid, replace(solid, edge_mm=given.edge, estimate_error=False)):
         meshes[f"{fem.edge_mm:g} mm"], *_ = cache.simulate(finger, fem, Observation(), paths.RUNS / "snapshots")
     coarse, fine = meshes.values()
-    if not np.array_equal(coarse.points, fine.points):
+    if not np.array_equal(coarse.domain.points_mm, fine.domain.points_mm):
         raise SystemExit("The meshes are not observed at the same points: choose another --edge.")
     train = plugin("split", "random")().train_points(coarse, 0)
 
@@ -55,7 +55,9 @@ def main() -> None:
                 Samples.of(snapshots, train), Scene.of(finger, snapshots), losses, TrainerSettings(progress=False),
                 OptimizerSettings(), 0, Path(folder), {},
             )  # fmt: skip
-            predicted = plugin("model", given.model)().fit(training).predict(coarse.points, coarse.pressures_kpa)
+            predicted = (
+                plugin("model", given.model)().fit(training).predict(coarse.domain.points_mm, coarse.pressures_kpa)
+            )
         errors = (mse(predicted - other.displacements) for other in meshes.values())
         print(f"{f'trained on {name}':<24}" + "".join(f"{error:>24}" for error in errors), flush=True)
 

@@ -31,8 +31,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pgdl_lab.core import paths
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
@@ -46,7 +47,7 @@ DEPTH, WIDTH, BATCH, RATE = 8, 100, 512, 1e-3
 class Task:
     """What all of them learn, in `seconds`."""
 
-    snapshots: Snapshots
+    snapshots: Dataset
     train: NDArray[np.int64]
     scene: Scene
     weight: float
@@ -89,7 +90,7 @@ class Task:
 
     def mse(self, predict: Callable[[Tensor], Tensor]) -> tuple[float, float]:
         """Mean squared errors of u_x and u_z over the unseen points [mm²]."""
-        points = torch.from_numpy(self.snapshots.points).float()
+        points = torch.from_numpy(self.snapshots.domain.points_mm).float()
         with torch.no_grad():
             fields = [
                 predict(torch.cat([points, torch.full((len(points), 1), float(kpa))], dim=1)).detach().numpy()
@@ -161,7 +162,9 @@ def _lab(
 
 
 def _mse_of(task: Task, surrogate: Any) -> tuple[float, float]:
-    error = surrogate.predict(task.snapshots.points, task.snapshots.pressures_kpa) - task.snapshots.displacements
+    error = (
+        surrogate.predict(task.snapshots.domain.points_mm, task.snapshots.pressures_kpa) - task.snapshots.displacements
+    )
     x, z = (np.delete(error.reshape(-1, 2), task.train, axis=0) ** 2).mean(axis=0)
     return float(x), float(z)
 

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.newton import solve

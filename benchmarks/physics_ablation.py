@@ -27,7 +27,8 @@ from rich.table import Table
 
 from pgdl_lab.assessment.residuals import residuals
 from pgdl_lab.core import paths, registry
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.learning import left_out
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.loss import Loss
@@ -81,7 +82,7 @@ def made(term: str, weight: float) -> dict[str, Loss]:
     return {**data, term: registry.plugin("loss", name)(weight=weight, **fields)}
 
 
-def train(case: Case, snapshots: Snapshots, scene: Scene, floors: dict[str, float]) -> dict[str, Any]:
+def train(case: Case, snapshots: Dataset, scene: Scene, floors: dict[str, float]) -> dict[str, Any]:
     """Errors of one training: RMS over unseen points at pressures up to the cut-off and beyond it [mm]."""
     split = registry.plugin("split", case.split)(points=round(case.share * snapshots.displacements[..., 0].size))
     points = split.train_points(snapshots, case.seed)
@@ -102,7 +103,7 @@ def train(case: Case, snapshots: Snapshots, scene: Scene, floors: dict[str, floa
             return {**asdict(case), "failed": True}
     history = surrogate.record.history[-1]
     seconds = time.perf_counter() - start
-    error = surrogate.predict(snapshots.points, snapshots.pressures_kpa) - snapshots.displacements
+    error = surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa) - snapshots.displacements
     square = (error**2).sum(axis=2)
     square.flat[points] = np.nan
     beyond = snapshots.pressures_kpa > 44
@@ -199,7 +200,7 @@ def draw(results: list[dict[str, Any]]) -> None:
     figure.savefig(FIGURE, dpi=110)
 
 
-def setting() -> tuple[Snapshots, Scene, dict[str, dict[str, float]]]:
+def setting() -> tuple[Dataset, Scene, dict[str, dict[str, float]]]:
     """The simulated finger, its scene, and what each term makes of the simulated displacement and of none."""
     registry.discover()
     finger = registry.plugin("finger", "pneunet")(chambers=CHAMBERS)

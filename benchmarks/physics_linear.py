@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab.core import paths, registry
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.separable import RIDGE, SeparableRegression
@@ -45,7 +45,7 @@ def unbalanced(body: Triangulation, lame_mpa: float, shear_mpa: float, *, membra
     Linear triangles; unknowns are u_x at all nodes, then u_z.
     """
     plane = 2 * lame_mpa * shear_mpa / (lame_mpa + 2 * shear_mpa)  # λ with σ_yy = 0
-    corners, triangles, count = body.points_mm[body.triangles], body.triangles, len(body.points_mm)
+    corners, triangles, count = body.points_mm[body.simplices], body.simplices, len(body.points_mm)
     edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     signed = (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
     grad = np.stack([-edges[..., 1], edges[..., 0]], axis=-1) / (2 * signed[:, None, None])
@@ -73,7 +73,7 @@ def main() -> None:
     finger, solid = registry.plugin("finger", "pneunet")(), registry.plugin("fem", "solid")(estimate_error=False)
     snapshots, _, _ = cache.simulate(finger, solid, Observation(points=POINTS), paths.RUNS / "snapshots")
     scene = Scene.of(finger, snapshots)
-    body = Triangulation(scene.points_mm, scene.triangles)
+    body = Triangulation(scene.domain.points_mm, scene.domain.cells)
     kpa = snapshots.pressures_kpa
     penalties = {
         name: unbalanced(body, scene.lame_mpa, scene.shear_modulus_mpa, membrane=name == "membrane") for name in NAMES
@@ -84,7 +84,7 @@ def main() -> None:
         train = rule.train_points(snapshots, seed)
         samples = Samples.of(snapshots, train)
         regression = SeparableRegression(
-            body, scene.clamp, samples, np.array([0.0, samples.pressures_kpa.max()]), DEGREE
+            body, scene.domain.clamp, samples, np.array([0.0, samples.pressures_kpa.max()]), DEGREE
         )
         rng, prior = np.random.default_rng(seed), regression.first_prior()
         for _ in range(ROUNDS):

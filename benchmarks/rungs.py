@@ -16,7 +16,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pgdl_lab.core import paths, registry
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.running import cache
 from pgdl_lab.running.composing import experiment
@@ -38,9 +39,9 @@ class Error:
     moved_mm: float
 
     @classmethod
-    def of(cls, snapshots: Snapshots, reference: Snapshots, number: int) -> "Error":
+    def of(cls, snapshots: Dataset, reference: Dataset, number: int) -> "Error":
         """At snapshot `number`."""
-        tip = reference.base[-1]
+        tip = reference.domain.base[-1]
         distance = np.linalg.norm(snapshots.displacements[number] - reference.displacements[number], axis=1)
         moved = np.linalg.norm(reference.displacements[number, tip])
         return cls(float(distance[tip]), float(np.sqrt((distance**2).mean())), float(moved))

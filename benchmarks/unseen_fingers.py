@@ -57,7 +57,7 @@ def train(trial: Experiment) -> dict[str, Any]:
             )
         )  # fmt: skip
     seconds = time.perf_counter() - start
-    where = snapshots.points, snapshots.pressures_kpa
+    where = snapshots.domain.points_mm, snapshots.pressures_kpa
     found = Comparison(snapshots, surrogate.predict(*where), points, surrogate.error_bar(*where))
     rows = found.by_pressure()
     shown = [rows[i] for i in trial.split.highlights(snapshots.pressures_kpa)]

@@ -5,12 +5,12 @@ from typing import Any
 
 from pgdl_lab.api import simulate as simulate
 from pgdl_lab.api import train as train
+from pgdl_lab.core.dataset import Dataset as Dataset
 from pgdl_lab.core.errors import InputError as InputError
 from pgdl_lab.core.errors import LabError as LabError
+from pgdl_lab.core.observation import Observation as Observation
 from pgdl_lab.core.registry import discover as discover
 from pgdl_lab.core.registry import register as register
-from pgdl_lab.core.snapshots import Observation as Observation
-from pgdl_lab.core.snapshots import Snapshots as Snapshots
 from pgdl_lab.core.split import Split
 from pgdl_lab.learning.balancing import BalancingSettings as BalancingSettings
 from pgdl_lab.learning.linear import LinearModel

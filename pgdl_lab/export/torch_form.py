@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from torch.export import Dim
 
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.face_mesh import FaceMesh
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.simplices import SimplexMesh
 from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.modal import ModalField
 from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
@@ -73,15 +73,15 @@ class Interpolation(nn.Module):
     slopes: Tensor
     triangles: Tensor
 
-    def __init__(self, mesh: FaceMesh) -> None:
+    def __init__(self, mesh: SimplexMesh) -> None:
         super().__init__()
-        origin_mm, self.cell_mm, table = mesh.cells
+        origin_mm, self.cell_mm, table = mesh.grid
         first_mm, slopes = mesh.affine
         self.register_buffer("origin_mm", torch.from_numpy(origin_mm))
         self.register_buffer("table", torch.from_numpy(table))
         self.register_buffer("first_mm", torch.from_numpy(first_mm))
         self.register_buffer("slopes", torch.from_numpy(slopes))
-        self.register_buffer("triangles", torch.from_numpy(mesh.triangles))
+        self.register_buffer("triangles", torch.from_numpy(mesh.simplices))
 
     def forward(self, points_mm: Tensor, nodal: Tensor) -> Tensor:
         place = torch.floor((points_mm - self.origin_mm) / self.cell_mm)
@@ -107,7 +107,7 @@ class NodalGraph(Graph):
     def __init__(self, surrogate: NodalSurrogate) -> None:
         super().__init__()
         state = surrogate.state()
-        self.interpolation = Interpolation(FaceMesh(state["points_mm"], state["triangles"]))
+        self.interpolation = Interpolation(SimplexMesh(state["points_mm"], state["triangles"]))
         self.low, self.high = (float(bound) for bound in state["range_kpa"])
         self.register_buffer("modes", torch.from_numpy(state["modes"]).flatten(1))
         self.register_buffer("amplitudes_mm", torch.from_numpy(state["amplitudes"]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.face_mesh import FaceMesh
+from pgdl_lab.core.simplices import SimplexMesh
 from pgdl_lab.surrogate.probe import PolynomialProbe, polynomials
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES
@@ -55,7 +55,7 @@ class NodalSurrogate(Surrogate):
         super().__init__(model, record)
         # sums over arrays in another order would differ in the last bits
         self._state = {name: np.asarray(array, order="C") for name, array in state.items()}
-        self._body = FaceMesh(state["points_mm"], state["triangles"])
+        self._body = SimplexMesh(state["points_mm"], state["triangles"])
 
     def state(self) -> dict[str, NDArray[Any]]:
         return self._state
@@ -90,7 +90,7 @@ class NodalSurrogate(Surrogate):
                 from pgdl_lab.surrogate.triangulation import Triangulation
             except ModuleNotFoundError:  # a robot without SciPy
                 return None
-            body = Triangulation(self._body.points_mm, self._body.triangles)
+            body = Triangulation(self._body.points_mm, self._body.simplices)
             nodal = np.einsum("pk,nkc->pnc", chebyshev @ self._state["amplitudes"], self._state["modes"])
             more_mm = interpolation_bars(body, nodal, points_mm[between])
             bars_mm[:, between] = np.hypot(bars_mm[:, between], more_mm)

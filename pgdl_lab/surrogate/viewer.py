@@ -12,9 +12,9 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.surrogate.probe import Probe
-from pgdl_lab.surrogate.record import Face
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Surrogate(Protocol):
     model: dict[str, Any]
 
     @property
-    def face(self) -> Face: ...
+    def domain(self) -> Domain: ...
     @property
     def ranges(self) -> dict[str, list[float]]: ...
     def probe(self, points_mm: Floats) -> Probe: ...
@@ -40,7 +40,7 @@ class Surrogate(Protocol):
     def allowed_kpa(self) -> tuple[float, float]: ...
 
 
-def page(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> str:
+def page(surrogate: Surrogate, snapshots: Dataset | None, title: str) -> str:
     """The HTML text.
 
     Parameters
@@ -62,7 +62,7 @@ def polynomial(surrogate: Surrogate, high_kpa: float) -> tuple[Floats, float]:
 
     Exact for surrogates that are polynomials in the pressure; networks are interpolated.
     """
-    probe = surrogate.probe(surrogate.face.mesh.points_mm)
+    probe = surrogate.probe(surrogate.domain.points_mm)
     checked = np.random.default_rng(0).uniform(-1, 1, CHECKED)
     truth = probe.values((checked + 1) / 2 * high_kpa)
     coefficients: NDArray[Any] = truth
@@ -86,8 +86,8 @@ def framed(surrogate: Surrogate, title: str) -> str:
     )
 
 
-def _content(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> dict[str, Any]:
-    mesh, base = surrogate.face.mesh, surrogate.face.base
+def _content(surrogate: Surrogate, snapshots: Dataset | None, title: str) -> dict[str, Any]:
+    mesh, base = surrogate.domain.mesh, surrogate.domain.base
     kpa, simulated = _shown(surrogate, snapshots)
     coefficients, error_mm = polynomial(surrogate, float(kpa[-1]))
     predicted = surrogate.probe(mesh.points_mm).values(kpa)
@@ -103,7 +103,7 @@ def _content(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> d
         "polynomialErrorMm": error_mm,
         "boundsMm": [places.min(axis=0).tolist(), places.max(axis=0).tolist()],
         "points": _packed(mesh.points_mm, "<f4"),
-        "triangles": _packed(mesh.triangles, "<u4"),
+        "triangles": _packed(mesh.simplices, "<u4"),
         "outline": _packed(mesh.outline[:, :2], "<u4"),
         "base": _packed(base, "<u4"),
         "terms": len(coefficients),
@@ -115,7 +115,7 @@ def _content(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> d
     }
 
 
-def _shown(surrogate: Surrogate, snapshots: Snapshots | None) -> tuple[Floats, Floats | None]:
+def _shown(surrogate: Surrogate, snapshots: Dataset | None) -> tuple[Floats, Floats | None]:
     """Pressures (S,) [kPa] that the page is made for, and simulated displacements (S, N, 2) at them [mm]."""
     if snapshots is None:
         return np.linspace(0, surrogate.trained_kpa()[1], SHOWN), None

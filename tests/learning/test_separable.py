@@ -128,7 +128,7 @@ def test_polynomials_beyond_the_trained_pressures_go_on() -> None:
 def test_what_is_assumed_at_first_scales_with_the_field_and_the_body() -> None:
     body, (regression, _) = rectangle(4), drawn(rectangle(4), 50, seed=0)
     clamp = np.setdiff1d(np.arange(regression.nodes), regression.free)
-    larger = Triangulation(3 * body.points_mm, body.triangles)
+    larger = Triangulation(3 * body.points_mm, body.simplices)
     samples = regression.samples
     samples = Samples(3 * samples.points_mm, samples.pressures_kpa, 5 * samples.displacements_mm)
     one, other = regression.first_prior(), SeparableRegression(larger, clamp, samples, RANGE_KPA, 2).first_prior()

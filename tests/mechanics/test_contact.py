@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from skfem import CellBasis, MeshHex
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
@@ -177,7 +177,7 @@ def test_no_reach_is_asked_for_without_contact() -> None:
     assert not report["acted"]
 
 
-def thin(contact: str, max_kpa: float) -> Snapshots:
+def thin(contact: str, max_kpa: float) -> Dataset:
     """Two chambers with thin walls, 0.3 mm apart; they touch at some 8 kPa."""
     finger = pneunet(wall_mm=1.5, side_wall_mm=1.5, gap_mm=0.3, max_kpa=max_kpa)
     return solid(edge_mm=3.0, contact=contact).simulate(finger, replace(OBSERVATION, points=1500))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.mechanics import memory
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.finger import Finger
@@ -46,7 +46,7 @@ def error_mm(folder: Path, choice: Choice, finger: Finger) -> float:
     which = reference.among(choice.snapshots.pressures_kpa)
     found = choice.snapshots.displacements[which]
     if choice.surrogate:
-        found = choice.surrogate.predict(choice.snapshots.points, choice.snapshots.pressures_kpa[which])
+        found = choice.surrogate.predict(choice.snapshots.domain.points_mm, choice.snapshots.pressures_kpa[which])
     return largest(found - reference.displacements)
 
 
