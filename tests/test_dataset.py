@@ -98,11 +98,11 @@ def test_altered_number_is_recognised(tmp_path: Path) -> None:
 
 def test_foreign_files_are_recognised(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["points"] = np.zeros(3)
-    with pytest.raises(DamagedDataset, match="does not hold snapshots of pgdl_lab"):
+        file["points_mm"] = np.zeros(3)
+    with pytest.raises(DamagedDataset, match="does not hold a dataset of pgdl_lab"):
         Dataset.load(tmp_path / "a.h5")
     (tmp_path / "b.h5").write_text("x,z,p\n1,2,3\n")
-    with pytest.raises(DamagedDataset, match="no readable snapshot file"):
+    with pytest.raises(DamagedDataset, match="no readable dataset"):
         Dataset.load(tmp_path / "b.h5")
 
 
@@ -110,8 +110,24 @@ def test_other_version_is_named(tmp_path: Path) -> None:
     small().save(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file.attrs["version"] = 99
-    with pytest.raises(DamagedDataset, match="version 99 of the format, but this is version 1"):
+    with pytest.raises(DamagedDataset, match="version 99 of the format, but this is version 2"):
         Dataset.load(tmp_path / "a.h5")
+
+
+def test_files_of_the_first_version_are_read(tmp_path: Path) -> None:
+    known, body = small(), small().body
+    assert body is not None
+    with h5py.File(tmp_path / "old.h5", "w") as file:
+        file.attrs.update(format="pgdl_lab snapshots", version=1, provenance=json.dumps(known.provenance))
+        domain, brick, group = known.domain, body.domain, file.create_group("body")
+        file["points"], file["triangles"], file["base"] = domain.points_mm, domain.cells, domain.base
+        file["clamp"], file["pressures_kpa"], file["displacements"] = domain.clamp, [1.0, 2.0, 3.0], known.displacements
+        group["positions"], group["cells"], group["pressures_kpa"] = brick.points_mm, brick.cells, [0.0, 3.0]
+        group["displacements"], group.attrs["cell_type"] = body.displacements, "hexahedron"
+    read = Dataset.load(tmp_path / "old.h5")
+    assert_equal(read, known)
+    assert read.body is not None
+    assert_equal(read.body, body)
 
 
 def test_arrays_that_do_not_fit_are_refused(tmp_path: Path) -> None:
@@ -138,41 +154,44 @@ def _set(name: str, value: Any) -> Callable[[h5py.File], None]:
 
 
 def _linked(file: h5py.File) -> None:
-    del file["points"]
-    file["points"] = h5py.ExternalLink("whole.h5", "/points")
+    del file["points_mm"]
+    file["points_mm"] = h5py.ExternalLink("whole.h5", "/points_mm")
 
 
 def _virtual(file: h5py.File) -> None:
-    del file["points"]
+    del file["points_mm"]
     layout = h5py.VirtualLayout((5, 2), float)
-    layout[:] = h5py.VirtualSource("whole.h5", "points", (5, 2))
-    file.create_virtual_dataset("points", layout)
+    layout[:] = h5py.VirtualSource("whole.h5", "points_mm", (5, 2))
+    file.create_virtual_dataset("points_mm", layout)
 
 
 def _named_often(file: h5py.File) -> None:
     for number in range(4000):
-        file[str(number)] = file["displacements"]
+        file[str(number)] = file["fields/displacement_mm"]
 
 
 HOSTILE: dict[str, tuple[Callable[[h5py.File], None], str]] = {
-    "shape": (_put("displacements", shape=(3, 10**8, 2), chunks=(1, 1000, 2)), "ask for 4,800,.* explain at most"),
-    "piece": (
-        _put("displacements", shape=(3, 5, 2), maxshape=(None,) * 3, chunks=(1, 10**8, 2)),
-        "up to 'displacements' its arrays ask for 1,600,000",
+    "shape": (
+        _put("fields/displacement_mm", shape=(3, 10**8, 2), chunks=(1, 1000, 2)),
+        "ask for 4,800,.* explain at most",
     ),
-    "linked": (_linked, "'points' is a link to the file 'whole.h5'"),
-    "outside": (_put("points", shape=(5, 2), external=[("/etc/passwd", 0, 80)]), "its numbers in other files"),
-    "virtual": (_virtual, "'points' keeps its numbers in other files"),
-    "objects": (_put("points", shape=(5, 2), dtype=h5py.vlen_dtype(np.float64)), "'points' holds objects"),
-    "references": (_put("points", shape=(5, 2), dtype=h5py.ref_dtype), "'points' holds objects"),
-    "texts": (_put("points", shape=(5, 2), dtype=h5py.string_dtype()), "'points' is of type object"),
+    "piece": (
+        _put("fields/displacement_mm", shape=(3, 5, 2), maxshape=(None,) * 3, chunks=(1, 10**8, 2)),
+        "up to 'fields/displacement_mm' its arrays ask for 1,600,000",
+    ),
+    "linked": (_linked, "'points_mm' is a link to the file 'whole.h5'"),
+    "outside": (_put("points_mm", shape=(5, 2), external=[("/etc/passwd", 0, 80)]), "its numbers in other files"),
+    "virtual": (_virtual, "'points_mm' keeps its numbers in other files"),
+    "objects": (_put("points_mm", shape=(5, 2), dtype=h5py.vlen_dtype(np.float64)), "'points_mm' holds objects"),
+    "references": (_put("points_mm", shape=(5, 2), dtype=h5py.ref_dtype), "'points_mm' holds objects"),
+    "texts": (_put("points_mm", shape=(5, 2), dtype=h5py.string_dtype()), "'.*points_mm' is of type object"),
     "attribute": (lambda file: file.attrs.update(version=np.array(["1"] * 2, dtype=object)), "'version' holds objects"),
-    "packed": (_put("points", data=np.zeros((5, 2)), compression="gzip"), "'points' is packed"),
+    "packed": (_put("points_mm", data=np.zeros((5, 2)), compression="gzip"), "'points_mm' is packed"),
     "named often": (_named_often, "its arrays ask for"),
-    "integers": (_put("points", data=np.zeros((5, 2)), dtype="i8"), "'points' is of type int64"),
+    "integers": (_put("points_mm", data=np.zeros((5, 2)), dtype="i8"), "do not fit together"),
     "no provenance": (lambda file: file.attrs.update(provenance="[]"), "do not fit together"),
-    "negative": (_set("triangles", -1), "do not fit together"),
-    "not finite": (_set("points", np.nan), "do not fit together"),
+    "negative": (_set("cells", -1), "do not fit together"),
+    "not finite": (_set("points_mm", np.nan), "do not fit together"),
     "no node": (_set("body/cells", 99), "do not fit together"),
 }
 

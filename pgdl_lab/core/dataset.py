@@ -187,14 +187,17 @@ class Dataset:
     def fits(self) -> bool:
         """Whether the arrays fit together."""
         cases, nodes = len(self.cases), len(self.domain.points_mm)
+        floats = [self.cases, *self.fields.values()]
         return (
             self.domain.fits()
+            and all(array.dtype == np.float64 for array in floats)
+            and self.simulation.dtype == np.int64
             and self.cases.shape == (cases, len(self.inputs))
             and self.simulation.shape == (cases,)
             and DISPLACEMENT in self.fields
             and all(each.ndim == 3 and each.shape[:2] == (cases, nodes) for each in self.fields.values())
             and self.displacements.shape[2] == self.domain.points_mm.shape[1]
-            and all(np.isfinite(array).all() for array in (self.cases, *self.fields.values()))
+            and all(np.isfinite(array).all() for array in floats)
             and (self.body is None or self.body.fits())
             and isinstance(self.provenance, dict)
         )

@@ -87,10 +87,11 @@ class Domain:
     def fits(self) -> bool:
         """Whether the arrays fit together."""
         nodes = len(self.points_mm)
-        known = self.cell_type in PARTS
         return (
-            self.points_mm.ndim == self.cells.ndim == 2
-            and known
+            self.points_mm.dtype == np.float64
+            and all(index.dtype == np.int64 for index in (self.cells, self.base, self.clamp))
+            and self.points_mm.ndim == self.cells.ndim == 2
+            and self.cell_type in PARTS
             and self.points_mm.shape[1] == PARTS[self.cell_type].shape[1] - 1
             and self.cells.shape[1] > PARTS[self.cell_type].max()
             and self.base.ndim == self.clamp.ndim == 1
