@@ -106,14 +106,13 @@ class Contact:
         return [*surfaces, *plane]
 
     def follow_more_finely(self) -> bool:
-        """Twice as many triangles along each edge, as before any contact; False where they would be too small."""
-        if 2 * self._divisions > MOST_DIVISIONS:
-            return False
-        finer = self._followed(2 * self._divisions)
-        if min(pairs.apart_at_rest_mm for pairs in finer) < np.inf:
-            return False
-        self._divisions, self._pairs, self.active = 2 * self._divisions, finer, self.mode == "on"
-        return True
+        """Twice as many triangles along each edge, or as many as can be, as before any contact; False if none can."""
+        for divisions in range(min(2 * self._divisions, MOST_DIVISIONS), self._divisions, -1):
+            finer = self._followed(divisions)
+            if min(pairs.apart_at_rest_mm for pairs in finer) == np.inf:
+                self._divisions, self._pairs, self.active = divisions, finer, self.mode == "on"
+                return True
+        return False
 
     def like(self, other: "Contact") -> "Contact":
         """The same, with as many triangles along each edge as `other` has."""

@@ -57,8 +57,9 @@ class CurvedFaces:
         vertices = moved(mesh, displacement)
         if self._mirror and float(vertices[:, 1].min()) < -deeper_mm / 2:
             return True
-        found: bool = ipctk.has_intersections(mesh, thinned(mesh, vertices, deeper_mm / 2))
-        return found
+        # Thinned by more than its thickness a thin wall would seem to pass through itself.
+        met: bool = ipctk.has_intersections(mesh, vertices)
+        return met and bool(ipctk.has_intersections(mesh, thinned(mesh, vertices, deeper_mm / 2)))
 
     def _mesh(self, number: int, divisions: int) -> "ipctk.CollisionMesh":
         if (number, divisions) not in self._meshes:

@@ -31,6 +31,7 @@ FAR = 0.1  # of the largest displacement: who leans so far is not followed farth
 LONGEST = 0.05  # of the largest displacement: a step of the descent
 SETTLED = 1e-3  # of the largest displacement: the last step
 STEPS = 40
+LAST = 15  # steps: in each of them a mode that nothing holds grows by a third at least
 STIFFER = 4.0  # by how much what is added to the stiffness grows and shrinks
 LEAST = 1e-7  # of the mean stiffness: what is added first
 INVERSE_ITERATIONS = 6
@@ -146,7 +147,7 @@ class Leaning:
 
     def _descend(self, solver: SymmetricSolver, at: Array, load: Load, largest_mm: float) -> tuple[Array, bool]:
         """A minimum of the energy below `at` (M, 3), and whether it is one; not if it leans too far or is slow."""
-        both, free, added = self._both, self._both.free, 0.0
+        both, free, added, leans_mm = self._both, self._both.free, 0.0, list[float]()
         for _ in range(STEPS):
             if self._lean_mm(at) > FAR * largest_mm:
                 return at, False
@@ -168,7 +169,8 @@ class Leaning:
                 added = max(STIFFER**2 * added, least)
                 continue
             added = added / STIFFER if added > least else 0.0
-        return at, False
+            leans_mm.append(self._lean_mm(at))
+        return at, len(leans_mm) > LAST and float(np.ptp(leans_mm[-LAST:])) < SETTLED * largest_mm
 
 
 def _positive(solver: SymmetricSolver, upper: sp.csr_matrix, mass: Array, added: float) -> float:
