@@ -18,6 +18,7 @@ from pgdl_lab.core.simplices import SimplexMesh
 from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.modal import ModalField
 from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.nodal_surrogate import NodalSurrogate
 from pgdl_lab.surrogate.surrogate import Surrogate
 
@@ -108,17 +109,15 @@ class NodalGraph(Graph):
         super().__init__()
         state = surrogate.state()
         self.interpolation = Interpolation(SimplexMesh(state["points_mm"], state["triangles"]))
-        self.low, self.high = (float(bound) for bound in state["range_kpa"])
+        self.basis = Basis.of([state["range_kpa"]], len(state["amplitudes"]) - 1)
         self.register_buffer("modes", torch.from_numpy(state["modes"]).flatten(1))
         self.register_buffer("amplitudes_mm", torch.from_numpy(state["amplitudes"]))
 
     def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
-        t = (2 * pressure_kpa - self.low - self.high) / (self.high - self.low)
-        polynomials = [torch.ones_like(t), t]
-        while len(polynomials) < self.amplitudes_mm.shape[0]:
-            polynomials.append(2 * t * polynomials[-1] - polynomials[-2])
         local = self.interpolation(points_mm, self.modes).unflatten(1, (-1, 2))
-        flat = torch.stack(polynomials, dim=1) @ self.amplitudes_mm @ local.transpose(0, 1).flatten(1)
+        flat = (
+            torch.stack(self.basis.terms([pressure_kpa]), dim=1) @ self.amplitudes_mm @ local.transpose(0, 1).flatten(1)
+        )
         return flat.unflatten(1, (-1, 2))
 
 

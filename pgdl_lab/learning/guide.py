@@ -21,8 +21,9 @@ from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import plugin
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.scene import Scene
-from pgdl_lab.learning.separable import SeparableRegression, chebyshev, evaluated
+from pgdl_lab.learning.separable import SeparableRegression, evaluated
 from pgdl_lab.mechanics.fem import SimulationStopped
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.limits import BEYOND
 from pgdl_lab.surrogate.triangulation import Triangulation
 
@@ -61,11 +62,11 @@ def guide(scene: Scene, name: str, highest_kpa: float, degree: int) -> Floats:
             found = stop.snapshots
             if len(found.pressures_kpa) <= degree or found.pressures_kpa[-1] < highest_kpa:
                 raise
-    polynomials = chebyshev(found.pressures_kpa, np.array([0.0, highest_kpa]), degree)
+    polynomials = Basis.of([(0.0, highest_kpa)], degree)(found.pressures_kpa)
     coefficients: Floats = np.linalg.lstsq(polynomials, found.displacements.reshape(len(polynomials), -1))[0]
     nodal = coefficients.reshape(degree + 1, -1, 2).transpose(1, 0, 2)
-    if not np.array_equal(found.points, scene.domain.points_mm):
-        corners, weights = Triangulation(found.points, found.triangles).locate(scene.domain.points_mm)
+    if not np.array_equal(found.domain.points_mm, scene.domain.points_mm):
+        corners, weights = Triangulation(found.domain.points_mm, found.domain.cells).locate(scene.domain.points_mm)
         nodal = np.einsum("nc,ncdi->ndi", weights, nodal[corners])
     return np.ascontiguousarray(nodal)
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.domain import Domain
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.probe import Probe
 
 Floats = NDArray[np.float64]
@@ -70,8 +70,9 @@ def polynomial(surrogate: Surrogate, high_kpa: float) -> tuple[Floats, float]:
     for degree in DEGREES:
         at = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
         values = probe.values((at + 1) / 2 * high_kpa)
-        coefficients = np.linalg.solve(chebvander(at, degree), values.reshape(degree + 1, -1))
-        again = (chebvander(checked, degree) @ coefficients).reshape(truth.shape)
+        basis = Basis.of([(-1.0, 1.0)], degree)
+        coefficients = np.linalg.solve(basis(at), values.reshape(degree + 1, -1))
+        again = (basis(checked) @ coefficients).reshape(truth.shape)
         error_mm = float(np.abs(again - truth).max())
         if error_mm <= CLOSE_MM:
             break

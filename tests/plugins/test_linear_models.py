@@ -8,7 +8,7 @@ import torch
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.compression import compressed
-from pgdl_lab.learning.separable import chebyshev
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.trainings import TRAIN, small, training
 
@@ -63,7 +63,7 @@ def test_no_more_modes_are_kept_than_tell_the_field_from_what_is_not_known_of_it
     rng, range_kpa, deviation_mm = np.random.default_rng(0), np.array([0.0, 50.0]), 1e-3
     sizes = np.diag([1e5, 10.0, 1.0, 0.01, 0.001]) * deviation_mm  # each mode has a polynomial of its own
     whole = {"modes": rng.standard_normal((500, 5, 2)), "amplitudes": sizes, "range_kpa": range_kpa}
-    polynomials = chebyshev(np.linspace(0, 57, 60), range_kpa, 4)
+    polynomials = Basis.of([range_kpa], 4)(np.linspace(0, 57, 60))
 
     def kept(deviation_mm: float, noise_mm: float) -> tuple[int, float]:
         """Number of modes, and how far the field of them is from the whole one [mm]."""

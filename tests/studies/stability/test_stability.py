@@ -184,7 +184,7 @@ def leaning_by(share: float) -> truth.Truth:
 def test_who_gives_way_to_a_side_must_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     (stress,) = [each for each in mechanics.stresses(FINGER, True) if each.axis == "gravity"]
     found = registry.plugin("fem", "section")(edge_mm=12.0).simulate(stress.finger, mechanics.OBSERVATION)
-    bent = leaning_by(0.0).at(np.insert(found.points, 1, 8.0, axis=1))[:, [0, 2]]
+    bent = leaning_by(0.0).at(np.insert(found.domain.points_mm, 1, 8.0, axis=1))[:, [0, 2]]
     found.displacements[-1] = bent
     monkeypatch.setattr(mechanics, "reference", lambda *_: leaning_by(0.04))
     upright = mechanics.judged(found, stress)
