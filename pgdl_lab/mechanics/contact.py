@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.mechanics.crossing import MOST_DIVISIONS, CurvedFaces
+from pgdl_lab.mechanics.crossing import CurvedFaces
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.skin import MIRROR, skin
 from pgdl_lab.mechanics.surface import ContactResponse, MirrorPlane, Pairs, Surface
@@ -32,6 +32,7 @@ REACH_MM = 0.05  # unless told otherwise
 # Forces on quadratic faces come from samples, more of them than nodes: those of a uniform pressure are in error by the
 # square of the distance of samples. Where faces are too narrow for three to an edge, two must do.
 DIVISIONS = (3, 2)
+MOST_DIVISIONS = 12  # where faces would pass through each other between fewer
 TOUCHING = 1e-3  # reaches: what is nearer at rest leaves no room for a smaller reach
 WIDEST_GAP = 10  # reaches: gaps up to it are measured
 
