@@ -32,10 +32,10 @@ def main() -> None:
             observed = simulated(trial)
             finer = simulated(replace(trial, observation=replace(seen, points=FINER * seen.points)))
             surrogate, _ = fitted(trial, observed, trial.split.train_points(observed, trial.seed))
-            error = np.abs(surrogate.predict(finer.points, finer.pressures_kpa) - finer.displacements)
-            bars = surrogate.error_bar(finer.points, finer.pressures_kpa)
+            error = np.abs(surrogate.predict(finer.domain.points_mm, finer.pressures_kpa) - finer.displacements)
+            bars = surrogate.error_bar(finer.domain.points_mm, finer.pressures_kpa)
             assert bars is not None  # the default model has them
-            _, weights = Triangulation(observed.points, observed.triangles).locate(finer.points)
+            _, weights = Triangulation(observed.domain.points_mm, observed.domain.cells).locate(finer.domain.points_mm)
             near = weights.max(axis=1) > NEAR
             for name, which in (("at", near), ("between", ~near)):
                 mse = (error[:, which] ** 2).mean(axis=(0, 1))

@@ -24,8 +24,8 @@ from omegaconf import OmegaConf
 from benchmarks import common
 from benchmarks.scenes import COARSE, simulated
 from pgdl_lab.core import paths, sources
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe, plugin
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.running.composing import experiment
 from pgdl_lab.running.experiment import Experiment
 from pgdl_lab.studies.chart.reference import Reference, find_reference
@@ -130,7 +130,7 @@ def error(scene: Scene, case: Experiment, choice: Choice) -> float:
     which = truth.among(choice.snapshots.pressures_kpa)
     shown = choice.snapshots.displacements[which]
     if choice.surrogate is not None:
-        shown = choice.surrogate.predict(choice.snapshots.points, choice.snapshots.pressures_kpa[which])
+        shown = choice.surrogate.predict(choice.snapshots.domain.points_mm, choice.snapshots.pressures_kpa[which])
     return largest(shown - truth.displacements)
 
 

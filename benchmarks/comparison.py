@@ -92,10 +92,10 @@ def run(made: Experiment) -> dict[str, Any]:
     except LabError as error:
         return {"failed": str(error)}
     surrogate.outside = "ignore"
-    asked = snapshots.points, snapshots.pressures_kpa
+    asked = snapshots.domain.points_mm, snapshots.pressures_kpa
     comparison = Comparison(snapshots, surrogate.predict(*asked), train, surrogate.error_bar(*asked))
     extremes = comparison.extremes_mm()
-    tip, highest = int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
+    tip, highest = int(snapshots.domain.base[-1]), float(snapshots.pressures_kpa[-1])
     mse_mm2 = comparison.mse_mm2()
     if not np.isfinite(list(mse_mm2.values())).all():
         return {"failed": "the error is not finite"}
@@ -109,7 +109,7 @@ def run(made: Experiment) -> dict[str, Any]:
             for axis in "xz"
             for ours, theirs in zip(extremes["surrogate"][axis], extremes["fem"][axis], strict=True)
         ),
-        "latency_ms": latency_ms(surrogate, snapshots.points, tip, highest),
+        "latency_ms": latency_ms(surrogate, snapshots.domain.points_mm, tip, highest),
     }
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import folders, panels, parsed, parser, save, show, table
 from benchmarks.scenes import scene
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.finger import Finger

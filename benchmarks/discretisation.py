@@ -2,7 +2,7 @@
 
     python benchmarks/discretisation.py
 
-For each finger the default mesh (fem.edge_mm=3) and one with half the edges, eight times as many elements. Snapshots
+For each finger the default mesh (fem.edge_mm=3) and one with half the edges, eight times as many elements. Dataset
 are kept in runs/snapshots as those of any run; the finer ones take minutes each. Errors are displacement differences
 at the end of the base line. The figure is docs/figures/discretisation.png.
 """
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import folders, panels, parsed, parser, save, show, table
 from benchmarks.scenes import scene, simulated
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 
 FINGERS = ("joints", "bellows", "pneunet", "pneunet_reference")
 
@@ -42,8 +42,8 @@ class Result:
     seconds: tuple[float, float]
 
     @classmethod
-    def of(cls, coarse: Snapshots, fine: Snapshots) -> "Result":
-        tip = coarse.base[-1]
+    def of(cls, coarse: Dataset, fine: Dataset) -> "Result":
+        tip = coarse.domain.base[-1]
         difference = np.linalg.norm(coarse.displacements[:, tip] - fine.displacements[:, tip], axis=1)
         moved = np.linalg.norm(fine.displacements[:, tip], axis=1)
         times = coarse.provenance["seconds"], fine.provenance["seconds"]

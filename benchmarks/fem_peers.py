@@ -17,7 +17,8 @@ from rich.table import Table
 
 from benchmarks import common, scenes
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics import calculix  # noqa: F401 (imported, with all it needs, before any time is taken)
 from pgdl_lab.mechanics.calculix_program import PROGRAM, version
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
@@ -26,9 +27,9 @@ from pgdl_lab.mechanics.finger import Finger
 
 @dataclass(frozen=True)
 class Timed:
-    """Snapshots, and the wall and processor time [s] they took."""
+    """Dataset, and the wall and processor time [s] they took."""
 
-    snapshots: Snapshots
+    snapshots: Dataset
     wall_s: float
     cpu_s: float
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks import common, scenes
 from pgdl_lab.core import sources
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.registry import describe, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Training
 from pgdl_lab.running import cache
 from pgdl_lab.running.experiment import Experiment
@@ -66,9 +66,7 @@ def _told(found: list[dict[str, float]], name: str) -> str:
     return f"{np.median(values):.2g} ({values.min():.2g} … {values.max():.2g})"
 
 
-def _result(
-    trial: Experiment, snapshots: Snapshots, store: Path, model: str, points: int, seed: int
-) -> dict[str, float]:
+def _result(trial: Experiment, snapshots: Dataset, store: Path, model: str, points: int, seed: int) -> dict[str, float]:
     """The measurement of one training within and one beyond, from the store or made now."""
     known = cache.snapshot_path(Path(), trial.finger, trial.fem, trial.observation).name
     code = sources.digest([plugin("model", "hybrid" if model == GUIDED else model)])
@@ -78,8 +76,10 @@ def _result(
         began = time.perf_counter()
         for where, below in (("within", 1.0), ("beyond", BELOW)):
             surrogate, seen = _trained(trial, snapshots, model, points, seed, below)
-            error = np.abs(surrogate.predict(snapshots.points, snapshots.pressures_kpa) - snapshots.displacements)
-            bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa)
+            error = np.abs(
+                surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa) - snapshots.displacements
+            )
+            bars = surrogate.error_bar(snapshots.domain.points_mm, snapshots.pressures_kpa)
             judged = ~seen
             judged[: -1 if where == "beyond" else None] &= where == "within"
             assert bars is not None
@@ -95,11 +95,11 @@ def _result(
 
 
 def _trained(
-    trial: Experiment, snapshots: Snapshots, model: str, points: int, seed: int, below: float
+    trial: Experiment, snapshots: Dataset, model: str, points: int, seed: int, below: float
 ) -> tuple[Surrogate, Any]:
     """A surrogate, and which points (P, N) it was trained on."""
     pressures = snapshots.pressures_kpa
-    among = int((pressures <= below * pressures[-1] * (1 + 1e-9)).sum()) * len(snapshots.points)
+    among = int((pressures <= below * pressures[-1] * (1 + 1e-9)).sum()) * len(snapshots.domain.points_mm)
     train = np.sort(np.random.default_rng(seed).choice(among, points, replace=False))
     chosen: Any = Guided() if model == GUIDED else plugin("model", model)()
     made = replace(trial, model=chosen, seed=seed)
@@ -113,7 +113,9 @@ class Guided:
         """What the closed form makes of the displacement that the rod leaves."""
         hybrid: Any = plugin("model", "hybrid")()
         field, _ = hybrid.begin(training)
-        return hybrid.finished(field, Record(training.samples.ranges(), {}, face=training.scene.face), training)
+        return hybrid.finished(
+            field, Record(training.samples.ranges(), {}, domain=training.scene.kept_domain), training
+        )
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ def main() -> None:
         for fem in (solid, replace(solid, edge_mm=given.edge, estimate_error=False))
     }
     coarse, fine = meshes.values()
-    if not np.array_equal(coarse.points, fine.points):
+    if not np.array_equal(coarse.domain.points_mm, fine.domain.points_mm):
         raise SystemExit("The meshes are not observed at the same points: choose another --edge.")
     train = made.split.train_points(coarse, 0)
 
@@ -44,7 +44,7 @@ def main() -> None:
     print(f"{'the meshes themselves':<24}{'–':>24}{mse(coarse.displacements - fine.displacements):>24}")
     for name, snapshots in meshes.items():
         surrogate, _ = fitted(made, snapshots, train)
-        predicted = surrogate.predict(coarse.points, coarse.pressures_kpa)
+        predicted = surrogate.predict(coarse.domain.points_mm, coarse.pressures_kpa)
         errors = (mse(predicted - other.displacements) for other in meshes.values())
         print(f"{f'trained on {name}':<24}" + "".join(f"{error:>24}" for error in errors), flush=True)
 

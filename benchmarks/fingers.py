@@ -20,8 +20,8 @@ from benchmarks.scenes import scene
 from pgdl_lab.assessment.figures import STYLE
 from pgdl_lab.assessment.paper import published
 from pgdl_lab.core import paths
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import LabError
-from pgdl_lab.core.snapshots import Body, Snapshots
 from pgdl_lab.running.cache import simulate
 
 TITLES = {"pneunet": "PneuNets finger", "joints": "Finger with local bending joints", "bellows": "Bellows finger"}
@@ -35,7 +35,7 @@ REST = "0.88"
 Array = NDArray[np.float64]
 
 
-def rows(table: Table, finger: str, snapshots: Snapshots) -> None:
+def rows(table: Table, finger: str, snapshots: Dataset) -> None:
     """Add one row for each extreme that the paper states."""
     last, known = snapshots.displacements[-1], snapshots.provenance
     error = known["discretisation_error"]
@@ -52,19 +52,19 @@ def rows(table: Table, finger: str, snapshots: Snapshots) -> None:
     table.add_section()
 
 
-def shell(body: Body) -> NDArray[np.int64]:
+def shell(body: Dataset) -> NDArray[np.int64]:
     """Corners (F, 4) of the outer facets of a half body of hexahedra, those in the plane y = 0 left out."""
     sides = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
-    facets = body.cells[:, sides].reshape(-1, 4)
+    facets = body.domain.cells[:, sides].reshape(-1, 4)
     _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
     outer = facets[first[count == 1]]
-    return outer[~np.isclose(body.positions[outer][:, :, 1], 0).all(axis=1)]
+    return outer[~np.isclose(body.domain.points_mm[outer][:, :, 1], 0).all(axis=1)]
 
 
-def draw_side(axis: Any, snapshots: Snapshots, scale: Any) -> Any:
+def draw_side(axis: Any, snapshots: Dataset, scale: Any) -> Any:
     """The side face at full pressure, coloured by |u|, over its shape at rest."""
-    at_rest, shift = snapshots.points, snapshots.displacements[-1]
-    triangles = snapshots.triangles
+    at_rest, shift = snapshots.domain.points_mm, snapshots.displacements[-1]
+    triangles = snapshots.domain.cells
     axis.tripcolor(*at_rest.T, triangles, np.zeros(len(at_rest)), cmap="Greys", vmin=-0.12, vmax=1, shading="gouraud")
     axis.plot(*outline(at_rest, triangles), color="0.45", linewidth=0.6)
     size, now = np.linalg.norm(shift, axis=1), at_rest + shift
@@ -81,14 +81,14 @@ def outline(points: Array, triangles: NDArray[np.int64]) -> Array:
     return np.concatenate([ends, np.full((len(ends), 1, 2), np.nan)], axis=1).reshape(-1, 2).T
 
 
-def draw_solid(axis: Any, body: Body, scale: Any) -> None:
+def draw_solid(axis: Any, body: Dataset, scale: Any) -> None:
     """The whole finger at full pressure, both halves."""
     from matplotlib import colormaps
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     half = shell(body)
     shift = body.displacements[-1]
-    corners, sizes = (body.positions + shift)[half], np.linalg.norm(shift, axis=1)[half].mean(axis=1)
+    corners, sizes = (body.domain.points_mm + shift)[half], np.linalg.norm(shift, axis=1)[half].mean(axis=1)
     corners = np.concatenate([corners, (corners * [1, -1, 1])[:, ::-1]])
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -103,7 +103,7 @@ def draw_solid(axis: Any, body: Body, scale: Any) -> None:
     axis.set_axis_off()
 
 
-def draw(all_snapshots: dict[str, Snapshots], path: Path) -> None:
+def draw(all_snapshots: dict[str, Dataset], path: Path) -> None:
     """Write the figure: side views on one scale above, the whole bodies below."""
     import matplotlib
     from matplotlib.colors import Normalize

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.common import parsed, parser
 from benchmarks.scenes import fitted, scene, simulated
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.running import cache, composing
 from pgdl_lab.running.experiment import Experiment, restore
 from pgdl_lab.running.folders import stored_run, stored_surrogate
@@ -44,8 +44,8 @@ def main() -> None:
         surrogate = stored_surrogate(folder)
         made = Experiment.from_config(restore(folder / "config.yaml"))
         snapshots = simulated(made)
-    pressures, tip = snapshots.pressures_kpa, snapshots.base[-1]
-    path = snapshots.points[tip] + snapshots.displacements[:, tip]
+    pressures, tip = snapshots.pressures_kpa, snapshots.domain.base[-1]
+    path = snapshots.domain.points_mm[tip] + snapshots.displacements[:, tip]
     there = CubicSpline(pressures, path)
     halved = CubicSpline(pressures[::2], path[::2])(pressures[1:-1:2]) - path[1:-1:2]
     print(
@@ -64,7 +64,7 @@ def main() -> None:
           f"{np.median(error_mm):.1e}, 99 % {np.quantile(error_mm, 0.99):.1e}, most {error_mm.max():.1e} mm; of the "
           f"pressure, most {off_kpa.max():.1e} kPa; {1e6 * seconds / given.tips:.0f} µs each")  # fmt: skip
 
-    lines = snapshots.points[snapshots.base] + snapshots.displacements[:, snapshots.base]
+    lines = snapshots.domain.points_mm[snapshots.domain.base] + snapshots.displacements[:, snapshots.domain.base]
     curvatures = np.array([mean_curvature_per_m(line) for line in lines])
     bent = [surrogate.pressure_for(curvature=curvature) for curvature in curvatures]
     off = np.abs([answer.kpa for answer in bent] - pressures)
@@ -77,7 +77,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as apart:
             finger = replace(made.finger, max_kpa=float(found_kpa[k]))
             once, *_ = cache.simulate(finger, fem, Observation(1, made.observation.points), Path(apart))
-        place = once.points[once.base[-1]] + once.displacements[-1, once.base[-1]]
+        place = once.domain.tip_mm + once.displacements[-1, once.domain.base[-1]]
         print(f"solved at {found_kpa[k]:.4f} kPa: the tip misses its target by "
               f"{np.linalg.norm(place - there(asked_kpa[k])):.1e} mm")  # fmt: skip
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import parsed, parser, print_load
 from benchmarks.scenes import fitted, scene, simulated
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.export.export import Form, Predict, export, read_onnx
 from pgdl_lab.learning.threads import threads
 from pgdl_lab.running.experiment import Experiment
@@ -83,7 +83,7 @@ def line(*cells: str) -> None:
     print(f"| {' | '.join(cells)} |", flush=True)
 
 
-def trained(made: Experiment, snapshots: Snapshots, folder: Path) -> Surrogate:
+def trained(made: Experiment, snapshots: Dataset, folder: Path) -> Surrogate:
     """A surrogate of the default finger, networks after one epoch."""
     folder.mkdir()
     once = replace(made, loss={"data": made.loss["data"]}, trainer=replace(made.trainer, max_epochs=1))
@@ -93,10 +93,10 @@ def trained(made: Experiment, snapshots: Snapshots, folder: Path) -> Surrogate:
 
 
 def forms(
-    surrogate: Surrogate, snapshots: Snapshots, folder: Path
+    surrogate: Surrogate, snapshots: Dataset, folder: Path
 ) -> Iterator[tuple[str, int, str, list[tuple[int, Call]]]]:
     """Name, bytes and difference [mm] of each form, and the timed calls: number of threads and tip or field."""
-    points, tip = snapshots.points, snapshots.points[snapshots.base[-1:]]
+    points, tip = snapshots.domain.points_mm, snapshots.domain.points_mm[snapshots.domain.base[-1:]]
 
     def prepared(which: Surrogate) -> list[tuple[int, Call]]:
         return [(count, which.at(where)) for count in THREADS for where in (tip, points)]
@@ -127,7 +127,7 @@ def _whatever_threads(predict: Predict, _: int) -> Predict:
     return predict
 
 
-def measured(call: Call, snapshots: Snapshots, seconds: float, count: int, share: tuple[float, float] = WITHIN) -> str:
+def measured(call: Call, snapshots: Dataset, seconds: float, count: int, share: tuple[float, float] = WITHIN) -> str:
     """Median and 99th percentile of `call` on `count` threads, at shares of the highest pressure [µs]."""
     pressures = (snapshots.pressures_kpa[-1] * np.random.default_rng(0).uniform(*share, 997)).tolist()
     with threads(count):
@@ -150,7 +150,7 @@ def loop(surrogate: Surrogate, seconds: float) -> None:
     Between two computations the loop only reads the clock: what holds it up there is not the model.
     """
     tip, top = surrogate.tip_mm, surrogate.ranges["pressure_kpa"][1]
-    at, field = surrogate.at([tip]), surrogate.at(surrogate.face.mesh.points_mm)
+    at, field = surrogate.at([tip]), surrogate.at(surrogate.domain.points_mm)
     targets = [tip + at(top * (0.5 - 0.45 * np.cos(2 * np.pi * k / 2000)))[0] for k in range(2000)]  # 2 s up and down
     surrogate.pressure_for(tip=targets[0])
     wall, own, held_up = [], [], []

@@ -29,8 +29,8 @@ from torch import Tensor
 
 from benchmarks.common import missing, parsed, parser
 from benchmarks.scenes import fitted, scene, simulated
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.registry import plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
@@ -45,7 +45,7 @@ class Task:
     """What all of them learn, in `seconds`."""
 
     made: Experiment
-    snapshots: Snapshots
+    snapshots: Dataset
     train: NDArray[np.int64]
     weight: float
     seconds: float
@@ -92,7 +92,7 @@ class Task:
 
     def mse(self, predict: Callable[[Tensor], Tensor]) -> tuple[float, float]:
         """Mean squared errors of u_x and u_z over the unseen points [mm²]."""
-        points = torch.from_numpy(self.snapshots.points).float()
+        points = torch.from_numpy(self.snapshots.domain.points_mm).float()
         with torch.no_grad():
             fields = [
                 predict(torch.cat([points, torch.full((len(points), 1), float(kpa))], dim=1)).detach().numpy()
@@ -147,7 +147,9 @@ def default(task: Task) -> Outcome:
 
 
 def _mse_of(task: Task, surrogate: Any) -> tuple[float, float]:
-    error = surrogate.predict(task.snapshots.points, task.snapshots.pressures_kpa) - task.snapshots.displacements
+    error = (
+        surrogate.predict(task.snapshots.domain.points_mm, task.snapshots.pressures_kpa) - task.snapshots.displacements
+    )
     x, z = (np.delete(error.reshape(-1, 2), task.train, axis=0) ** 2).mean(axis=0)
     return float(x), float(z)
 

@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.common import parsed, parser, print_load, show, table
 from benchmarks.scenes import scene
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model

@@ -24,9 +24,9 @@ from torch import Tensor
 
 from benchmarks.common import folders, panels, parsed, parser, save
 from benchmarks.scenes import scene, simulated
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.files import replacing
 from pgdl_lab.core.registry import plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.jet import Affine
@@ -130,7 +130,7 @@ class Protocol:
         kept = self.folder / "snapshots.h5"  # so that a training goes on with the data that it began with
         if not kept.exists():
             simulated(made).save(kept)
-        self.snapshots = Snapshots.load(kept)
+        self.snapshots = Dataset.load(kept)
         train = made.split.train_points(self.snapshots, 0)
         self.samples, self.scene = Samples.of(self.snapshots, train), Scene.of(made.finger, self.snapshots)
         self.unseen = np.setdiff1d(np.arange(self.snapshots.displacements.size // 2), train)
@@ -184,10 +184,10 @@ class Protocol:
 
         Highlights are those of the split: 10, 20 … 50 kPa, or 45, 47 and 50 kPa.
         """
-        nodes, pressures = len(self.snapshots.points), self.snapshots.pressures_kpa
+        nodes, pressures = len(self.snapshots.domain.points_mm), self.snapshots.pressures_kpa
         squared = np.empty_like(self.snapshots.displacements)
         for number, kpa in enumerate(pressures):
-            inputs = (np.column_stack([self.snapshots.points, np.full(nodes, kpa)]) - self.low) / self.span
+            inputs = (np.column_stack([self.snapshots.domain.points_mm, np.full(nodes, kpa)]) - self.low) / self.span
             scaled = self.network.predict(torch.from_numpy(inputs).float()).double().numpy()
             predicted = scaled * self.span_mm + self.low_mm
             squared[number] = (predicted - self.snapshots.displacements[number]) ** 2

@@ -28,7 +28,8 @@ from benchmarks import common
 from benchmarks.scenes import simulated
 from pgdl_lab.assessment.residuals import residuals
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.learning import left_out
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.module import TrainingDiverged
@@ -78,7 +79,7 @@ class Setting:
     """
 
     made: Experiment
-    snapshots: Snapshots
+    snapshots: Dataset
     steps: int
     found: dict[str, dict[str, float]]
 
@@ -145,7 +146,7 @@ def train(case: Case, setting: Setting, reach_kpa: float | None = None) -> dict[
             return {**asdict(case), "failed": True}
     history = surrogate.record.history[-1]
     seconds = time.perf_counter() - start
-    error = surrogate.predict(snapshots.points, snapshots.pressures_kpa) - snapshots.displacements
+    error = surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa) - snapshots.displacements
     square = (error**2).sum(axis=2)
     square.flat[points] = np.nan
     beyond = snapshots.pressures_kpa > 44

@@ -42,7 +42,7 @@ def unbalanced(body: Triangulation, lame_mpa: float, shear_mpa: float, *, membra
     Linear triangles; unknowns are u_x at all nodes, then u_z.
     """
     plane = 2 * lame_mpa * shear_mpa / (lame_mpa + 2 * shear_mpa)  # λ with σ_yy = 0
-    corners, triangles, count = body.points_mm[body.triangles], body.triangles, len(body.points_mm)
+    corners, triangles, count = body.points_mm[body.simplices], body.simplices, len(body.points_mm)
     edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     signed = (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
     grad = np.stack([-edges[..., 1], edges[..., 0]], axis=-1) / (2 * signed[:, None, None])
@@ -74,7 +74,7 @@ def main() -> None:
     made = scene("pneunet", "fem.estimate_error=false", *points, quick=given.quick)
     snapshots = simulated(made)
     face = Scene.of(made.finger, snapshots)
-    body = Triangulation(face.points_mm, face.triangles)
+    body = Triangulation(face.domain.points_mm, face.domain.cells)
     kpa = snapshots.pressures_kpa
     penalties = {
         name: unbalanced(body, face.lame_mpa, face.shear_modulus_mpa, membrane=name == "membrane") for name in NAMES
@@ -85,7 +85,7 @@ def main() -> None:
         train = rule.train_points(snapshots, seed)
         samples = Samples.of(snapshots, train)
         regression = SeparableRegression(
-            body, face.clamp, samples, np.array([0.0, samples.pressures_kpa.max()]), DEGREE
+            body, face.domain.clamp, samples, np.array([0.0, samples.pressures_kpa.max()]), DEGREE
         )
         rng, prior = np.random.default_rng(seed), regression.first_prior()
         for _ in range(ROUNDS):

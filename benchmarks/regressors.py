@@ -2,7 +2,7 @@
 
     python benchmarks/regressors.py [finger ...]
 
-Trees and thin-plate splines are compared here alone; the Gaussian process is a model of the lab. Snapshots of a finger
+Trees and thin-plate splines are compared here alone; the Gaussian process is a model of the lab. Dataset of a finger
 are taken from the cache, or simulated; the split is `random`.
 """
 
@@ -18,35 +18,35 @@ from sklearn.ensemble import ExtraTreesRegressor
 
 from benchmarks.common import parsed, parser
 from benchmarks.scenes import scene, simulated, unseen_of
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.registry import plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Training
 
 Floats = NDArray[np.float64]
-Rule = Callable[[Training, Snapshots], Floats]
+Rule = Callable[[Training, Dataset], Floats]
 
 MODES = 12  # eigenfunctions of the body that stand for the place, where (x, z) does not tell chambers apart
 EVERY = 20  # every 20th snapshot is predicted: local interpolation of all takes minutes
 
 
-def _plane(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
+def _plane(training: Training, snapshots: Dataset) -> tuple[Floats, list[Floats]]:
     """Training inputs (n, 3), and those (N, 3) of every predicted snapshot."""
     samples = training.whole
-    return _inputs(snapshots, snapshots.points, samples.points_mm, samples.pressures_kpa)
+    return _inputs(snapshots, snapshots.domain.points_mm, samples.points_mm, samples.pressures_kpa)
 
 
-def _body(training: Training, snapshots: Snapshots) -> tuple[Floats, list[Floats]]:
+def _body(training: Training, snapshots: Dataset) -> tuple[Floats, list[Floats]]:
     """The same with the body's Laplace eigenfunctions in place of x and z, the slow ones weighing more."""
     from pgdl_lab.surrogate.triangulation import Triangulation
 
-    body = Triangulation(snapshots.points, snapshots.triangles)
+    body = Triangulation(snapshots.domain.points_mm, snapshots.domain.cells)
     modes, values = body.modes(MODES)
     modes = modes * np.sqrt(values[0] / values)
     corners, weights = body.locate(training.whole.points_mm)
     return _inputs(snapshots, modes, np.einsum("nc,ncm->nm", weights, modes[corners]), training.whole.pressures_kpa)
 
 
-def _inputs(snapshots: Snapshots, place: Floats, trained: Floats, kpa: Floats) -> tuple[Floats, list[Floats]]:
+def _inputs(snapshots: Dataset, place: Floats, trained: Floats, kpa: Floats) -> tuple[Floats, list[Floats]]:
     size, highest = place.std(axis=0).max(), snapshots.pressures_kpa[-1] / 2
     return np.column_stack([trained / size, kpa / highest]), [
         np.column_stack([place / size, np.full(len(place), p / highest)])
@@ -57,7 +57,7 @@ def _inputs(snapshots: Snapshots, place: Floats, trained: Floats, kpa: Floats) -
 def _fitted(inputs: Callable[..., tuple[Floats, list[Floats]]], regressor: Any) -> Rule:
     """`regressor`, of scikit-learn, on `inputs`."""
 
-    def rule(training: Training, snapshots: Snapshots) -> Floats:
+    def rule(training: Training, snapshots: Dataset) -> Floats:
         trained, asked = inputs(training, snapshots)
         regressor.fit(trained, training.whole.displacements_mm)
         return np.stack([regressor.predict(each) for each in asked])
@@ -65,16 +65,16 @@ def _fitted(inputs: Callable[..., tuple[Floats, list[Floats]]], regressor: Any) 
     return rule
 
 
-def _rbf(training: Training, snapshots: Snapshots) -> Floats:
+def _rbf(training: Training, snapshots: Dataset) -> Floats:
     trained, asked = _plane(training, snapshots)
     interpolant = RBFInterpolator(trained, training.whole.displacements_mm, neighbors=50)
     return np.stack([interpolant(each) for each in asked])
 
 
 def _ours(name: str) -> Rule:
-    def rule(training: Training, snapshots: Snapshots) -> Floats:
+    def rule(training: Training, snapshots: Dataset) -> Floats:
         surrogate = plugin("model", name)().fit(training)
-        return np.asarray(surrogate.predict(snapshots.points, snapshots.pressures_kpa[EVERY - 1 :: EVERY]))
+        return np.asarray(surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa[EVERY - 1 :: EVERY]))
 
     return rule
 

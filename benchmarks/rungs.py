@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.common import parsed, parser, print_load, show, table
 from benchmarks.scenes import scene, simulated
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.mechanics.fem import Fem
 
 FINGERS = ("pneunet", "pneunet_reference", "joints", "bellows")
@@ -35,9 +35,9 @@ class Error:
     moved_mm: float
 
     @classmethod
-    def of(cls, snapshots: Snapshots, reference: Snapshots, number: int) -> "Error":
+    def of(cls, snapshots: Dataset, reference: Dataset, number: int) -> "Error":
         """At snapshot `number`."""
-        tip = reference.base[-1]
+        tip = reference.domain.base[-1]
         distance = np.linalg.norm(snapshots.displacements[number] - reference.displacements[number], axis=1)
         moved = np.linalg.norm(reference.displacements[number, tip])
         return cls(float(distance[tip]), float(np.sqrt((distance**2).mean())), float(moved))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core import paths
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.running import cache
 from pgdl_lab.running.composing import experiment
 from pgdl_lab.running.experiment import Experiment
@@ -36,12 +36,12 @@ def scene(finger: str, *choices: str, quick: bool = False) -> Experiment:
     return experiment([f"finger={finger}", *small, *choices, "trainer.progress=false"])
 
 
-def simulated(made: Experiment) -> Snapshots:
+def simulated(made: Experiment) -> Dataset:
     """The snapshots of an experiment, from runs/snapshots if they are there."""
     return cache.simulate(made.finger, made.fem, made.observation, paths.RUNS / "snapshots")[0]
 
 
-def fitted(made: Experiment, data: Snapshots, train: NDArray[np.int64], **beside: Any) -> tuple[Surrogate, float]:
+def fitted(made: Experiment, data: Dataset, train: NDArray[np.int64], **beside: Any) -> tuple[Surrogate, float]:
     """A surrogate that learnt from the points `train` of `data`, and the time of its training [s]."""
     with tempfile.TemporaryDirectory() as folder:
         training = made.training(data, train, Path(folder), **beside)
@@ -49,7 +49,7 @@ def fitted(made: Experiment, data: Snapshots, train: NDArray[np.int64], **beside
         return made.model.fit(training), time.perf_counter() - began
 
 
-def unseen_of(data: Snapshots, train: NDArray[np.int64]) -> NDArray[np.bool_]:
+def unseen_of(data: Dataset, train: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which points (P, N) are not among those trained on."""
     unseen = np.ones(data.displacements.shape[:2], dtype=bool)
     unseen.flat[train] = False

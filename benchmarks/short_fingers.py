@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.common import parsed, parser, show, table
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.segments import cuts
 from pgdl_lab.running.composing import experiment
@@ -50,7 +50,7 @@ def main() -> None:
         for load in LOADS.values():
             finger: Any = experiment([*typed, *load]).finger
             exact, found = (
-                snapshots.displacements[0, snapshots.base[-1]]
+                snapshots.displacements[0, snapshots.domain.base[-1]]
                 for snapshots in (fem.simulate(finger, Observation(1, 800)) for fem in (solid, rod))
             )
             cells.append(f"{np.linalg.norm(found - exact) / np.linalg.norm(exact):.1%}")

@@ -37,7 +37,7 @@ def train(trial: Experiment) -> dict[str, Any]:
     snapshots = simulated(trial)
     points = trial.split.train_points(snapshots, trial.seed)
     surrogate, seconds = fitted(trial, snapshots, points)
-    where = snapshots.points, snapshots.pressures_kpa
+    where = snapshots.domain.points_mm, snapshots.pressures_kpa
     found = Comparison(snapshots, surrogate.predict(*where), points, surrogate.error_bar(*where))
     rows = found.by_pressure()
     shown = [rows[i] for i in trial.split.highlights(snapshots.pressures_kpa)]

@@ -15,12 +15,12 @@ surrogate.outside = "ignore"  # no warning at each question beyond the training
 
 print("pressure   largest error   error bar   errors within it")
 for kpa, truth in zip(data.pressures_kpa[14::5], data.displacements[14::5], strict=True):
-    error = np.abs(surrogate.predict(data.points, kpa) - truth)
-    bar = surrogate.error_bar(data.points, kpa)
+    error = np.abs(surrogate.predict(data.domain.points_mm, kpa) - truth)
+    bar = surrogate.error_bar(data.domain.points_mm, kpa)
     within = (error <= bar[:, None]).mean()
     print(f"{kpa:5.1f} kPa   {error.max():10.2g} mm   {np.median(bar):6.2g} mm   {within:6.0%}")
 
 try:
-    surrogate.predict(data.points, 100.0)
+    surrogate.predict(data.domain.points_mm, 100.0)
 except lab.TooFar as refused:
     print("At 100 kPa:", refused)

@@ -90,9 +90,9 @@ def ride(surrogate: Surrogate, plant: Callable[[float], Floats], targets_mm: Flo
 def tip_of(made: Experiment, high_kpa: float) -> CubicSpline:
     """Place of the tip [mm] by pressure [kPa], by the finite elements."""
     snapshots, *_ = cache.simulate(made.finger, made.fem, made.observation, paths.RUNS / "snapshots")
-    tip = snapshots.base[-1]
+    tip = snapshots.domain.base[-1]
     assert snapshots.pressures_kpa[-1] >= high_kpa
-    return CubicSpline(snapshots.pressures_kpa, snapshots.points[tip] + snapshots.displacements[:, tip])
+    return CubicSpline(snapshots.pressures_kpa, snapshots.domain.points_mm[tip] + snapshots.displacements[:, tip])
 
 
 def main() -> None:

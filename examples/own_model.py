@@ -46,7 +46,9 @@ class LinesModel(lab.Model):
     def fit(self, training):
         samples = training.whole
         state = {"points": samples.points_mm, "slopes": samples.displacements_mm / samples.pressures_kpa[:, None]}
-        return self.restore(state, lab.Record(samples.ranges(), dict(training.provenance), face=training.scene.face))
+        return self.restore(
+            state, lab.Record(samples.ranges(), dict(training.provenance), domain=training.scene.kept_domain)
+        )
 
     def restore(self, state, record):
         return Lines(describe(self), record, state)

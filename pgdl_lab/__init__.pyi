@@ -5,29 +5,29 @@ from typing import Any
 
 from pgdl_lab.api import simulate as simulate
 from pgdl_lab.api import train as train
+from pgdl_lab.core.dataset import Dataset as Dataset
 from pgdl_lab.core.errors import InputError as InputError
 from pgdl_lab.core.errors import LabError as LabError
+from pgdl_lab.core.observation import Observation as Observation
 from pgdl_lab.core.registry import discover as discover
 from pgdl_lab.core.registry import register as register
-from pgdl_lab.core.snapshots import Observation as Observation
-from pgdl_lab.core.snapshots import Snapshots as Snapshots
-from pgdl_lab.core.split import Split
+from pgdl_lab.core.split import Split as Split
 from pgdl_lab.learning.balancing import BalancingSettings as BalancingSettings
 from pgdl_lab.learning.linear import LinearModel
-from pgdl_lab.learning.loss import Loss
-from pgdl_lab.learning.loss import PhysicsLoss
-from pgdl_lab.learning.model import Model
+from pgdl_lab.learning.loss import Loss as Loss
+from pgdl_lab.learning.loss import PhysicsLoss as PhysicsLoss
+from pgdl_lab.learning.model import Model as Model
 from pgdl_lab.learning.module import TrainingDiverged as TrainingDiverged
 from pgdl_lab.learning.neural import NeuralModel
 from pgdl_lab.learning.neural import TrainedModel
 from pgdl_lab.learning.plane_loss import PlaneLoss
 from pgdl_lab.learning.settings import OptimizerSettings as OptimizerSettings
 from pgdl_lab.learning.settings import TrainerSettings as TrainerSettings
-from pgdl_lab.mechanics.fem import Fem
+from pgdl_lab.mechanics.fem import Fem as Fem
 from pgdl_lab.mechanics.fem import SimulationStopped as SimulationStopped
-from pgdl_lab.mechanics.finger import ExtrudedFinger
-from pgdl_lab.mechanics.finger import Finger
-from pgdl_lab.mechanics.material import Material
+from pgdl_lab.mechanics.finger import ExtrudedFinger as ExtrudedFinger
+from pgdl_lab.mechanics.finger import Finger as Finger
+from pgdl_lab.mechanics.material import Material as Material
 from pgdl_lab.mechanics.material import Yeoh as Yeoh
 from pgdl_lab.surrogate.loading import load as load
 from pgdl_lab.surrogate.probe import Probe as Probe

@@ -16,7 +16,8 @@ from pgdl_lab.running import cache
 from pgdl_lab.running.experiment import Experiment
 
 if TYPE_CHECKING:
-    from pgdl_lab.core.snapshots import Observation, Snapshots
+    from pgdl_lab.core.dataset import Dataset
+    from pgdl_lab.core.observation import Observation
     from pgdl_lab.core.split import Split
     from pgdl_lab.learning.balancing import BalancingSettings
     from pgdl_lab.learning.loss import Loss
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 def simulate(
     finger: Finger | str | None = None, fem: Fem | str | None = None, *, observation: Observation | None = None
-) -> Snapshots:
+) -> Dataset:
     """Displacements of a finger under its weight and rising pressure, by finite elements.
 
     A simulation is kept in `runs/snapshots` and computed only once. Half a minute to some minutes are usual.
@@ -63,7 +64,7 @@ def simulate(
 
 
 def train(
-    data: Snapshots,
+    data: Dataset,
     model: Model | str | None = None,
     *,
     split: Split | str | None = None,
@@ -126,14 +127,14 @@ def train(
         kept = Path(folder or passing)
         kept.mkdir(parents=True, exist_ok=True)
         surrogate = trained(made.model, made.training(data, points, kept))
-    predicted = surrogate.probe(data.points).values(data.pressures_kpa)
+    predicted = surrogate.probe(data.domain.points_mm).values(data.pressures_kpa)
     surrogate.record.provenance[ERROR] = Comparison(data, predicted, points).error()
     if folder is not None:
         surrogate.save(kept / "surrogate.pt")
     return surrogate
 
 
-def _finger(data: Snapshots) -> Any:
+def _finger(data: Dataset) -> Any:
     """The finger that `data` are of; raises InputError when they do not say or know it."""
     if "finger" not in data.provenance:
         raise InputError("These snapshots do not say which finger they are of: make them with pgdl_lab.simulate.")

@@ -10,7 +10,7 @@ from skfem import MeshHex, MeshTet
 
 from pgdl_lab.core import paths, registry
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.material import Yeoh

@@ -24,6 +24,7 @@ def text() -> str:
     plugins = [cls for cls in classes if cls.__module__.startswith("pgdl_lab.plugins.")]
     hints = {hint for cls in plugins for hint in _fields(cls).values()}
     needed = {cls.__bases__[0] for cls in plugins} | {hint for hint in hints if isinstance(hint, type)}
+    needed = {cls for cls in needed if cls.__name__ not in pgdl_lab._HOMES}
     imports = {f"from {cls.__module__} import {cls.__name__}" for cls in needed if cls.__module__ != "builtins"}
     imports |= {f"from {cls.__module__} import {cls.__name__} as {cls.__name__}" for cls in {*classes} - {*plugins}}
     imports |= {f"from pgdl_lab.{home} import {name} as {name}" for name, home in pgdl_lab._HOMES.items()}

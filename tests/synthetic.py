@@ -1,9 +1,13 @@
 """Made-up snapshots of a comb-shaped finger: no simulation, but the features that make the real ones hard to learn."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.domain import Domain
 
 CHAMBERS, CHAMBER_MM, GAP_MM, FOOT_MM, HEIGHT_MM, MAX_KPA = 10, 10.5, 1.0, 8.0, 17.0, 50.0
 PITCH_MM = CHAMBER_MM + GAP_MM
@@ -59,17 +63,17 @@ def bend(points: NDArray[np.float64], kpa: float) -> NDArray[np.float64]:
     return displaced - points
 
 
-def snapshots(cell_mm: float = 0.7, count: int = 100) -> Snapshots:
-    """Snapshots of about 4,000 points (2.5 mm cells: about 400) at `count` equal pressure steps to 50 kPa."""
+def snapshots(cell_mm: float = 0.7, count: int = 100) -> Dataset:
+    """Dataset of about 4,000 points (2.5 mm cells: about 400) at `count` equal pressure steps to 50 kPa."""
     points, triangles = comb(cell_mm)
     pressures = MAX_KPA * np.arange(1, count + 1) / count
     base = np.flatnonzero(points[:, 1] == 0)
-    return Snapshots(
-        points=points,
-        triangles=triangles,
-        base=base[np.argsort(points[base, 0])],
-        clamp=np.flatnonzero(points[:, 0] == 0),
-        pressures_kpa=pressures,
-        displacements=np.stack([bend(points, kpa) for kpa in pressures]),
-        provenance={"origin": "synthetic"},
-    )
+    clamp = np.flatnonzero(points[:, 0] == 0)
+    domain = Domain(points, triangles, base=base[np.argsort(points[base, 0])], clamp=clamp)
+    moved = np.stack([bend(points, kpa) for kpa in pressures])
+    return Dataset.path(domain, pressures, moved, provenance={"origin": "synthetic"})
+
+
+def with_domain(data: Dataset, **changes: Any) -> Dataset:
+    """The same fields on a domain with other arrays."""
+    return replace(data, domain=replace(data.domain, **changes))

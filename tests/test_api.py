@@ -19,7 +19,7 @@ from tests.trainings import small
 
 
 @pytest.fixture
-def data(root: Path) -> lab.Snapshots:
+def data(root: Path) -> lab.Dataset:
     finger = lab.Pneunet(chambers=2, max_kpa=10.0)
     return lab.simulate(finger, "rod", observation=lab.Observation(snapshots=10, points=200))
 
@@ -57,23 +57,23 @@ def test_what_is_not_chosen_is_as_on_the_command_line() -> None:
     assert chosen == replace(typed, yardstick=None)
 
 
-def test_a_training_gives_what_the_command_line_gives(data: lab.Snapshots, tmp_path: Path) -> None:
+def test_a_training_gives_what_the_command_line_gives(data: lab.Dataset, tmp_path: Path) -> None:
     how = composing.experiment(["model=pod", "split.points=500", "seed=2"])
     train = how.split.train_points(data, 2)
     finger = lab.Pneunet(chambers=2, max_kpa=10.0)
     fitted = how.model.fit(replace(how, finger=finger).training(data, train, tmp_path))
     surrogate = lab.train(data, lab.Pod(), split=lab.RandomSplit(points=500), seed=2, folder=tmp_path / "run")
-    at = data.points[::7]
+    at = data.domain.points_mm[::7]
     np.testing.assert_array_equal(surrogate.predict(at, 7.0), fitted.predict(at, 7.0))
 
     unseen = np.ones(data.displacements.shape[:2], dtype=bool)
     unseen.flat[train] = False
-    off = np.linalg.norm(fitted.predict(data.points, data.pressures_kpa) - data.displacements, axis=2)[unseen]
+    off = np.linalg.norm(fitted.predict(data.domain.points_mm, data.pressures_kpa) - data.displacements, axis=2)[unseen]
     assert surrogate.error["rms_mm"] == pytest.approx(np.sqrt((off**2).mean()), rel=1e-12)
     assert lab.load(tmp_path / "run" / "surrogate.pt").error == surrogate.error
 
 
-def test_refusals_name_the_remedy(data: lab.Snapshots) -> None:
+def test_refusals_name_the_remedy(data: lab.Dataset) -> None:
     with pytest.raises(lab.InputError, match="no finger 'pneunt'. Did you mean 'pneunet'"):
         lab.simulate("pneunt")
     with pytest.raises(lab.InputError, match="ask for fewer or raise observation.points"):
@@ -84,7 +84,7 @@ def test_refusals_name_the_remedy(data: lab.Snapshots) -> None:
         data.plot(11.0)
 
 
-def test_a_plugin_of_a_notebook_trains(data: lab.Snapshots) -> None:
+def test_a_plugin_of_a_notebook_trains(data: lab.Dataset) -> None:
     @lab.register("split", "left_half")
     @dataclass(frozen=True)
     class LeftHalf(lab.RandomSplit):
@@ -95,14 +95,14 @@ def test_a_plugin_of_a_notebook_trains(data: lab.Snapshots) -> None:
     assert surrogate.ranges["pressure_kpa"] == [1.0, 5.0]
 
 
-def test_pictures_show_the_bent_face(data: lab.Snapshots) -> None:
+def test_pictures_show_the_bent_face(data: lab.Dataset) -> None:
     from matplotlib.figure import Figure
 
     axes = Figure().subplots()
     data.plot(6.2, axes)
     assert axes.get_title() == "pneunet at 6 kPa"
     line = axes.lines[-1]
-    bent = (data.points + data.displacements[5])[data.base]
+    bent = (data.domain.points_mm + data.displacements[5])[data.domain.base]
     np.testing.assert_array_equal(np.column_stack([line.get_xdata(), line.get_ydata()]), bent)
     page = data._repr_html_()
     assert "200 points of its side face at 10 pressures" in page
@@ -111,4 +111,4 @@ def test_pictures_show_the_bent_face(data: lab.Snapshots) -> None:
 
 
 def test_the_made_up_finger_says_what_it_is() -> None:
-    assert repr(small()).startswith("<Snapshots of a finger by unknown elements")
+    assert repr(small()).startswith("<Dataset of a finger by unknown elements")

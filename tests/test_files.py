@@ -12,12 +12,13 @@ from types import SimpleNamespace
 import pytest
 
 from pgdl_lab.core import files, snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import DamagedDataset
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.files import replacing
-from pgdl_lab.core.snapshots import DamagedSnapshots, Snapshots
 from pgdl_lab.running.cache import simulate
 from tests.fingers import OBSERVATION, pneunet
-from tests.test_snapshots import Counting, small
+from tests.test_dataset import Counting, small
 
 
 @contextmanager
@@ -63,7 +64,7 @@ def held(path: Path) -> Iterator[None]:
         yield
 
 
-def test_snapshots_that_another_program_holds_are_not_called_damaged(
+def test_dataset_that_another_program_holds_are_not_called_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(snapshots, "BUSY_S", 0.3)
@@ -71,13 +72,13 @@ def test_snapshots_that_another_program_holds_are_not_called_damaged(
     _, path, _ = simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
     with held(path), pytest.raises(LabError, match=r"is held by another program .*: close it there") as told:
         simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
-    assert not isinstance(told.value, DamagedSnapshots)
+    assert not isinstance(told.value, DamagedDataset)
     assert not list((tmp_path / "cache").glob("*.damaged"))
     assert simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")[2]
     assert len((tmp_path / "notes").read_text().split()) == 1
 
 
-def test_snapshots_are_waited_for(tmp_path: Path) -> None:
+def test_dataset_are_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     small().save(path)
     begun = threading.Event()
@@ -90,12 +91,12 @@ def test_snapshots_are_waited_for(tmp_path: Path) -> None:
     thread = threading.Thread(target=hold)
     thread.start()
     begun.wait()
-    assert len(Snapshots.load(path).pressures_kpa) == 3
+    assert len(Dataset.load(path).pressures_kpa) == 3
     thread.join()
 
 
 def test_a_file_that_cannot_be_opened_is_not_called_damaged(tmp_path: Path) -> None:
     (tmp_path / "a.h5").symlink_to("a.h5")
     with pytest.raises(LabError, match=r"a\.h5 cannot be opened \(Too many levels of symbolic links\)") as told:
-        Snapshots.load(tmp_path / "a.h5")
-    assert not isinstance(told.value, DamagedSnapshots)
+        Dataset.load(tmp_path / "a.h5")
+    assert not isinstance(told.value, DamagedDataset)

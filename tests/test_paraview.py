@@ -19,10 +19,10 @@ def test_series_holds_every_equilibrium(tmp_path: Path) -> None:
     assert [float(entry.get("timestep", "")) for entry in sets] == body.pressures_kpa.round(9).tolist()
     for number, entry in enumerate(sets):
         mesh = meshio.read(tmp_path / entry.get("file", ""))
-        np.testing.assert_allclose(mesh.points, body.positions)
+        np.testing.assert_allclose(mesh.points, body.domain.points_mm)
         np.testing.assert_allclose(mesh.point_data["displacement_mm"], body.displacements[number])
         assert mesh.cells[0].type == "hexahedron27"
-        np.testing.assert_array_equal(mesh.cells[0].data, body.cells)
+        np.testing.assert_array_equal(mesh.cells[0].data, body.domain.cells)
 
 
 def test_face_holds_both_fields_at_every_pressure(tmp_path: Path) -> None:
@@ -32,12 +32,12 @@ def test_face_holds_both_fields_at_every_pressure(tmp_path: Path) -> None:
     assert sorted(file.name for file in path.parent.iterdir()) == ["face.h5", "face.xdmf"]
     with TimeSeriesReader(path) as file:
         points, cells = file.read_points_cells()
-        np.testing.assert_array_equal(points[:, [0, 2]], data.points)
-        np.testing.assert_array_equal(cells[0].data, data.triangles)
+        np.testing.assert_array_equal(points[:, [0, 2]], data.domain.points_mm)
+        np.testing.assert_array_equal(cells[0].data, data.domain.cells)
         assert file.num_steps == len(data.pressures_kpa)
         for number, kpa in enumerate(data.pressures_kpa):
             time, fields, _ = file.read_data(number)
-            predicted = surrogate.predict(data.points, kpa)
+            predicted = surrogate.predict(data.domain.points_mm, kpa)
             assert time == kpa
             np.testing.assert_array_equal(fields["fem_mm"][:, [0, 2]], data.displacements[number])
             np.testing.assert_array_equal(fields["surrogate_mm"][:, [0, 2]], predicted)

@@ -30,7 +30,7 @@ from tests.synthetic import snapshots
 @register("fem", "made_up")
 @dataclass(frozen=True)
 class MadeUp(Fem):
-    """Snapshots out of a formula; each simulation leaves a line in a file."""
+    """Dataset out of a formula; each simulation leaves a line in a file."""
 
     def simulate(self, finger, observation):
         logging.getLogger(__name__).warning("WARNING")

@@ -8,16 +8,17 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.face_mesh import FaceMesh
 from pgdl_lab.export import torch_form
 from pgdl_lab.surrogate.probe import Probe
-from pgdl_lab.surrogate.record import Face, Record
+from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.surrogate import Outside, Surrogate, TooFar
 
-SQUARE = Face(
-    FaceMesh(np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0], [10.0, 10.0]]), np.array([[0, 1, 2], [1, 3, 2]])),
-    np.array([0, 1]),
+SQUARE = Domain(
+    np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0], [10.0, 10.0]]),
+    np.array([[0, 1, 2], [1, 3, 2]]),
+    base=np.array([0, 1]),
 )
 INSIDE = [[5.0, 5.0]]
 
@@ -34,7 +35,7 @@ class Plain(Surrogate):
     """Says the pressure [kPa] for each displacement [mm]; its bars [mm] are x of the point by 100 and the pressure."""
 
     def __init__(self, ranges: dict[str, list[float]], outside: str = "raise") -> None:
-        super().__init__({"name": "plain"}, Record(ranges, {}, face=SQUARE))
+        super().__init__({"name": "plain"}, Record(ranges, {}, domain=SQUARE))
         self.outside = outside
 
     def state(self) -> dict[str, NDArray[Any]]:

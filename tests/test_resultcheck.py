@@ -10,45 +10,49 @@ import numpy as np
 import pytest
 
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Body, Observation, Snapshots
+from pgdl_lab.core.dataset import DISPLACEMENT, Dataset
+from pgdl_lab.core.domain import Domain
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.resultcheck import doubts
 from pgdl_lab.running.cache import simulate
 from tests.fingers import pneunet, solid
 from tests.meshes import bricks, groups, inside, save, skin
+from tests.synthetic import with_domain
 
 registry.discover()
 
 FEW = Observation(snapshots=2, points=200)
 
 
-def snapshots(**changes: Any) -> Snapshots:
+def snapshots(**changes: Any) -> Dataset:
     """A bar of 40 × 12 × 12 mm that bends down by 2 mm, or with other arrays."""
     nodes = np.stack(np.meshgrid(np.linspace(0, 40, 9), [0.0, 6.0], [0.0, 12.0], indexing="ij"), -1).reshape(-1, 3)
     points = nodes[nodes[:, 1] == 6][:, [0, 2]]
     moved = np.zeros((1, len(nodes), 3))
     moved[..., 2] = -2 * (nodes[:, 0] / 40) ** 2
     given: dict[str, Any] = {
-        "points": points,
-        "triangles": np.array([[0, 1, 2]]),
+        "points_mm": points,
+        "cells": np.array([[0, 1, 2]]),
         "base": np.flatnonzero(points[:, 1] == 0),
         "clamp": np.flatnonzero(points[:, 0] == 0),
-        "pressures_kpa": np.array([10.0]),
+        "kpa": np.array([10.0]),
         "displacements": moved[:, nodes[:, 1] == 6][:, :, [0, 2]],
-        "body": Body(nodes, np.arange(8)[None], "hexahedron", np.array([10.0]), moved),
-    }
-    return Snapshots(**{**given, **changes})
+        "body": Dataset.path(Domain(nodes, np.arange(8)[None], "hexahedron"), np.array([10.0]), moved),
+    } | changes
+    face = Domain(**{name: given.pop(name) for name in ("points_mm", "cells", "base", "clamp")})
+    return Dataset.path(face, given.pop("kpa"), given.pop("displacements"), **given)
 
 
-def moved(**along: float) -> Body:
+def moved(**along: float) -> Dataset:
     """The body of `snapshots`, whose tip moves `along` x, y or z [mm]."""
     body = snapshots().body
     assert body is not None
     displacements = np.zeros_like(body.displacements)
     for axis, size in along.items():
-        displacements[..., "xyz".index(axis)] = size * body.positions[:, 0] / 40
-    return replace(body, displacements=displacements)
+        displacements[..., "xyz".index(axis)] = size * body.domain.points_mm[:, 0] / 40
+    return replace(body, fields={DISPLACEMENT: displacements})
 
 
 def test_bending_finger_leaves_no_doubt() -> None:
@@ -59,35 +63,38 @@ def test_bending_finger_leaves_no_doubt() -> None:
 @pytest.mark.parametrize("body", [True, False])
 def test_base_line_that_ends_early(body: bool) -> None:
     whole = snapshots()
-    x = whole.points[whole.base, 0]
-    short = replace(whole, base=whole.base[x <= 35]) if body else replace(whole, base=whole.base[x <= 30], body=None)
+    base = whole.domain.base
+    x = whole.domain.points_mm[base, 0]
+    short = with_domain(whole, base=base[x <= (35 if body else 30)])
+    short = short if body else replace(short, body=None)
     (told,) = doubts(short, pneunet())
     end = 35 if body else 30
     assert told.startswith(
         f"The base line, whose end is the tip of every surrogate, spans x = 0 to {end}, but the body"
     )
-    assert doubts(replace(whole, base=whole.base[x <= 36.0 + 4]), pneunet()) == []
+    assert doubts(with_domain(whole, base=base[x <= 36.0 + 4]), pneunet()) == []
 
 
 def test_base_line_that_begins_late() -> None:
     whole = snapshots()
-    late = replace(whole, base=whole.base[whole.points[whole.base, 0] >= 10])
+    base, points = whole.domain.base, whole.domain.points_mm
+    late = with_domain(whole, base=base[points[base, 0] >= 10])
     (told,) = doubts(late, pneunet())
     assert "spans x = 10 to 40" in told
-    held = np.flatnonzero(whole.points[:, 0] <= 10)  # the root is held that far
-    assert doubts(replace(late, clamp=held), pneunet()) == []
-    (told,) = doubts(replace(whole, base=np.array([], dtype=np.int64)), pneunet())
+    held = np.flatnonzero(points[:, 0] <= 10)  # the root is held that far
+    assert doubts(with_domain(late, clamp=held), pneunet()) == []
+    (told,) = doubts(with_domain(whole, base=np.array([], dtype=np.int64)), pneunet())
     assert "has no points" in told
 
 
 def test_base_line_with_a_gap() -> None:
     whole = snapshots(
-        points=np.column_stack([np.linspace(0, 40, 41), np.zeros(41)]), base=np.arange(41), clamp=np.array([0])
+        points_mm=np.column_stack([np.linspace(0, 40, 41), np.zeros(41)]), base=np.arange(41), clamp=np.array([0])
     )
-    whole = replace(whole, displacements=np.full((1, 41, 2), -2.0))
+    whole = replace(whole, fields={DISPLACEMENT: np.full((1, 41, 2), -2.0)})
     assert doubts(whole, pneunet()) == []
-    x = whole.points[:, 0]
-    (told,) = doubts(replace(whole, base=np.flatnonzero((x <= 10) | (x >= 20))), pneunet())
+    x = whole.domain.points_mm[:, 0]
+    (told,) = doubts(with_domain(whole, base=np.flatnonzero((x <= 10) | (x >= 20))), pneunet())
     assert "The base line has no points from x = 10 to 20 mm" in told
 
 
@@ -113,7 +120,7 @@ class Still(Fem):
     kind, name = "fem", "still"
     stops = False
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         found = snapshots(displacements=np.zeros_like(snapshots().displacements), provenance={})
         logging.getLogger("pgdl_lab.plugins.fem.still").warning("Its own.")
         if self.stops:
@@ -138,7 +145,7 @@ def test_warnings_go_with_the_snapshots_and_every_run_tells_them(
         with pytest.raises(SimulationStopped) if stops else nullcontext():
             simulate(pneunet(), still(), FEW, tmp_path)
         (path,) = tmp_path.glob("*.h5")
-        own, told = Snapshots.load(path).provenance["warnings"]
+        own, told = Dataset.load(path).provenance["warnings"]
         assert own == "Its own." and told.startswith("At 10 kPa the observed side face moves by at most 0 mm")
         assert caplog.text.count(own) == caplog.text.count(told) == times
 

@@ -33,7 +33,7 @@ import json, sys
 from pathlib import Path
 from pgdl_lab.core import registry, sources
 from pgdl_lab.running import cache
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 registry.discover()
 root = Path(sources.__file__).parents[2]
 
@@ -56,7 +56,7 @@ print(json.dumps(found))
 BOTH = (
     "pgdl_lab/mechanics/finger.py",
     "pgdl_lab/mechanics/fem.py",
-    "pgdl_lab/core/snapshots.py",
+    "pgdl_lab/core/dataset.py",
     "pgdl_lab/mechanics/material.py",
     "pgdl_lab/mechanics/extrude.py",  # imported when a mesh is asked for
     "plugins/finger/mine.py",

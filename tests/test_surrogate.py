@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import pgdl_lab
+from pgdl_lab.core.domain import NONE
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import plugin
 from pgdl_lab.surrogate.surrogate import Outside, Surrogate, TooFar
@@ -29,7 +30,7 @@ def linear(tmp_path_factory: pytest.TempPathFactory) -> Surrogate:
 
 
 def test_one_pressure_gives_n_by_2_and_several_p_by_n_by_2(surrogate: Surrogate) -> None:
-    points = small().points
+    points = small().domain.points_mm
     several = surrogate.predict(points, [10.0, 20.0, 50.0])
     assert several.shape == (3, len(points), 2) and several.dtype == np.float64
     assert surrogate.predict(points, 20) == pytest.approx(several[1], abs=1e-4)
@@ -38,19 +39,19 @@ def test_one_pressure_gives_n_by_2_and_several_p_by_n_by_2(surrogate: Surrogate)
 
 
 def test_no_points_and_no_pressures_give_empty_fields(surrogate: Surrogate) -> None:
-    points = small().points
+    points = small().domain.points_mm
     assert surrogate.predict(points, []).shape == (0, len(points), 2)
     assert surrogate.predict(np.empty((0, 2)), 10.0).shape == (0, 2)
     assert surrogate.predict(np.empty((0, 2)), [10.0, 20.0]).shape == (2, 0, 2)
 
 
 def test_slopes_are_those_of_the_field(surrogate: Surrogate) -> None:
-    at = surrogate.at(small().points[::50])
+    at = surrogate.at(small().domain.points_mm[::50])
     assert at.slope(20.0) == pytest.approx((at(20.5) - at(19.5)), rel=2e-2, abs=1e-3)
 
 
 def test_error_bars_have_the_shape_of_the_question(surrogate: Surrogate) -> None:
-    points = small().points
+    points = small().domain.points_mm
     several = surrogate.error_bar(points, [10.0, 60.0])
     assert several is not None
     assert several.shape == (2, len(points)) and (several > 0).all()
@@ -136,7 +137,9 @@ def test_pressures_and_points_outside_are_told_once_with_the_error_bar(linear: S
         assert np.array_equal(fresh.predict([[114.0, 0.0]], 60.0), beyond)
         assert np.array_equal(fresh.at([[114.0, 0.0]])(60.0), beyond)
         assert fresh.predict([[11.0, 16.0]], 10.0) == pytest.approx(fresh.predict([[10.5, 16.0]], 10.0))
-        linear.predict(small().points, [0.0, 50.0])  # the pressures from 0 up to the first snapshot count as trained
+        linear.predict(
+            small().domain.points_mm, [0.0, 50.0]
+        )  # the pressures from 0 up to the first snapshot count as trained
 
 
 def test_what_is_said_of_points_off_the_body_is_so(surrogate: Surrogate, tmp_path: Path) -> None:
@@ -208,7 +211,7 @@ def test_once_told_a_question_outside_costs_no_more_than_another(
         raise AssertionError("looked again")
 
     monkeypatch.setattr(type(fresh), "bars", looked)
-    monkeypatch.setattr(type(fresh.face.mesh), "distance_mm", looked)
+    monkeypatch.setattr(type(fresh.domain.mesh), "distance_mm", looked)
     for _ in range(2):
         asked(60.0)
         fresh.predict([[114.0, 0.0]], 60.0)
@@ -216,7 +219,7 @@ def test_once_told_a_question_outside_costs_no_more_than_another(
 
 
 def test_threads_share_a_surrogate(surrogate: Surrogate) -> None:
-    points = small().points
+    points = small().domain.points_mm
     parts = [points[start::7] for start in range(7)]
     alone = [surrogate.predict(part, 20.0) for part in parts]
     with ThreadPoolExecutor(8) as threads:
@@ -243,7 +246,7 @@ def test_threads_are_warned_once(linear: Surrogate, tmp_path: Path) -> None:
 def test_a_surrogate_without_a_face_says_so(linear: Surrogate, tmp_path: Path) -> None:
     model = plugin("model", "finite_element")(degree=3)
     whole = training(tmp_path, {"data": {}})
-    faceless = model.fit(replace(whole, scene=replace(whole.scene, base=None)))
+    faceless = model.fit(replace(whole, scene=replace(whole.scene, domain=replace(whole.scene.domain, base=NONE))))
     faceless.save(tmp_path / "surrogate.pt")
     with pytest.raises(InputError, match="knows no face"):
         pgdl_lab.load(tmp_path / "surrogate.pt").pressure_for(curvature=3.0)

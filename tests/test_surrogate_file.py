@@ -37,7 +37,7 @@ def test_round_trip_is_exact(surrogate: Surrogate, tmp_path: Path) -> None:
     path = tmp_path / "surrogate.pt"
     surrogate.save(path)
     again = pgdl_lab.load(path)
-    points = small().points
+    points = small().domain.points_mm
     assert np.array_equal(again.predict(points, [5.0, 50.0]), surrogate.predict(points, [5.0, 50.0]))
     assert np.array_equal(again.error_bar(points, 5.0), surrogate.error_bar(points, 5.0))
     assert again.model == surrogate.model and again.record == surrogate.record
@@ -111,7 +111,7 @@ def test_other_files_are_refused_in_one_sentence(surrogate: Surrogate, tmp_path:
     with pytest.raises(pickle.UnpicklingError):
         torch.load(tmp_path / "malicious", weights_only=True)
     small().save(tmp_path / "snapshots.h5")
-    with pytest.raises(InputError, match="is no surrogate but an HDF5 file, such as the snapshots .*Snapshots.load"):
+    with pytest.raises(InputError, match="is no surrogate but an HDF5 file, such as the snapshots .*Dataset.load"):
         pgdl_lab.load(tmp_path / "snapshots.h5")
     with pytest.raises(InputError, match="No such file"):
         pgdl_lab.load(tmp_path / "nothing.pt")
@@ -126,7 +126,7 @@ def test_any_changed_byte_is_refused_or_harmless(linear: Surrogate, tmp_path: Pa
     whole = tmp_path / f"whole.{suffix}"
     linear.save(whole) if suffix == "pt" else numpy_form.write(linear, whole)
     data, path = whole.read_bytes(), tmp_path / f"changed.{suffix}"
-    points = small().points
+    points = small().domain.points_mm
     truth = linear.predict(points, 20.0)
     rng = np.random.default_rng(0)
     for _ in range(150):

@@ -8,8 +8,9 @@ import pytest
 from mlflow import MlflowClient
 from mlflow.entities import Run
 
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import LabError
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.running import tracking
 from pgdl_lab.running.folders import RUN_ID
 from pgdl_lab.running.mlflow_server import EXPERIMENT, connect
@@ -42,9 +43,8 @@ def client(root: Path) -> MlflowClient:
 
 def test_a_run_holds_parameters_tags_metrics_figures_and_dataset(root: Path) -> None:
     folder = new_folder(root / "runs")
-    zeros = np.zeros((3, 2), dtype=np.float64)
-    empty = np.zeros(0, dtype=np.int64)
-    snapshots = Snapshots(zeros, np.zeros((1, 3), dtype=np.int64), empty, empty, np.ones(2), np.zeros((2, 3, 2)))
+    domain = Domain(np.zeros((3, 2)), np.zeros((1, 3), dtype=np.int64))
+    snapshots = Dataset.path(domain, np.ones(2), np.zeros((2, 3, 2)))
     with tracking.tracked_run(folder, None) as run:
         run.log_snapshots(snapshots, root / "runs" / "snapshots" / "x.h5")
         for epoch in range(3):

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings, TrainerSettings
@@ -16,14 +16,12 @@ from tests.synthetic import snapshots
 discover()
 small = cache(lambda: snapshots(cell_mm=2.5, count=20))
 QUICK: dict[str, Any] = {"progress": False, "max_epochs": 3, "accelerator": "cpu", "log_every_s": 0}
-TRAIN = np.sort(np.random.default_rng(0).choice(20 * len(small().points), 2000, replace=False))
+TRAIN = np.sort(np.random.default_rng(0).choice(20 * len(small().domain.points_mm), 2000, replace=False))
 
 
-def scene(data: Snapshots) -> Scene:
+def scene(data: Dataset) -> Scene:
     """The body of `data`, of a rubber with round numbers."""
-    return Scene(
-        data.points, data.triangles, data.clamp, float(data.pressures_kpa[-1]), 10.0, 0.5, (0.0, -1e-5), base=data.base
-    )
+    return Scene(data.domain, float(data.pressures_kpa[-1]), 10.0, 0.5, (0.0, -1e-5))
 
 
 def training(folder: Path, losses: dict[str, Any], **changes: Any) -> Training:

@@ -17,8 +17,8 @@ from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.figures import draw
 from pgdl_lab.assessment.latency import latency_ms
 from pgdl_lab.assessment.residuals import residuals
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.files import replacing
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.core.split import Split
 from pgdl_lab.learning.data import Training
 from pgdl_lab.surrogate.surrogate import Surrogate
@@ -73,7 +73,7 @@ class Assessment:
 
 def assess(
     surrogate: Surrogate,
-    snapshots: Snapshots,
+    snapshots: Dataset,
     train: NDArray[np.int64],
     selection: NDArray[np.int64],
     split: Split,
@@ -107,8 +107,8 @@ def assess(
         What `yardstick.measure` found, if there is one.
     """
     start = time.perf_counter()
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
-    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    predicted = surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(snapshots.domain.points_mm, snapshots.pressures_kpa, beyond=True)
     comparison = Comparison(snapshots, predicted, train, bars, selection)
     highlights = split.highlights(snapshots.pressures_kpa)
     units = {name: loss.unit for name, loss in training.losses.items()}
@@ -130,7 +130,7 @@ def assess(
         "extremes_mm": comparison.extremes_mm(),
         "curvature": comparison.curvature(),
         "latency_ms": latency_ms(
-            surrogate, snapshots.points, int(snapshots.base[-1]), float(snapshots.pressures_kpa[-1])
+            surrogate, snapshots.domain.points_mm, int(snapshots.domain.base[-1]), float(snapshots.pressures_kpa[-1])
         ),
         "residuals": {name: {**values, "unit": units[name]} for name, values in terms.items()},
         "yardstick": yardstick,

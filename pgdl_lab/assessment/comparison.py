@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.surrogate.curvature import mean_curvature_per_m, rms_distance_mm
 
 Floats = NDArray[np.float64]
@@ -31,7 +31,7 @@ class Comparison:
         (m,), indices of the points that a search selects by, which count as seen.
     """
 
-    snapshots: Snapshots
+    snapshots: Dataset
     predicted_mm: Floats
     train: NDArray[np.int64]
     bars_mm: Floats | None = None
@@ -69,7 +69,7 @@ class Comparison:
         "rms_mm" and "largest_mm" [mm], "tip_mm", the largest at the tip [mm], and "tip_percent", the same of the
         largest displacement there [%], None where it does not move.
         """
-        length, tip = np.linalg.norm(self.error_mm, axis=2), self.snapshots.base[-1]
+        length, tip = np.linalg.norm(self.error_mm, axis=2), self.snapshots.domain.base[-1]
         unseen, tip_mm = length[self.unseen], float(length[:, tip].max())
         moved = float(np.linalg.norm(self.snapshots.displacements[:, tip], axis=1).max())
         return {
@@ -127,8 +127,8 @@ class Comparison:
 
     def base_lines_mm(self, snapshot: int) -> tuple[Floats, Floats]:
         """Deformed base lines (B, 2) of simulation and surrogate [mm]."""
-        base = self.snapshots.base
-        line = self.snapshots.points[base]
+        base = self.snapshots.domain.base
+        line = self.snapshots.domain.points_mm[base]
         return line + self.snapshots.displacements[snapshot, base], line + self.predicted_mm[snapshot, base]
 
     def curvature(self) -> list[dict[str, float]]:

@@ -93,15 +93,15 @@ def _field_figure(comparison: Comparison, component: int) -> Callable[[], Figure
             ("surrogate", predicted, both[1], symbol, "viridis", (low, high)),
             ("surrogate − FEM", fem, error, f"Δ{symbol}", "RdBu_r", (-bound, bound)),
         )
-        width, height = np.ptp(snapshots.points + fem, axis=0)
+        width, height = np.ptp(snapshots.domain.points_mm + fem, axis=0)
         slender = width > SLENDER * height
         rows, columns, beside = (3, 1, 0.7) if slender else (1, 3, 1.6)  # inches for title and colour bar
         panel = 0.8 * WIDTH / columns * height / width
         figure, axes = _new(rows, columns, WIDTH, rows * (panel + beside), sharex=True, sharey=True)
         for axis, (title, shift, values, label, colours, (least, most)) in zip(axes, panels, strict=True):
-            x, z = (snapshots.points + shift).T
+            x, z = (snapshots.domain.points_mm + shift).T
             shown = axis.tripcolor(
-                x, z, snapshots.triangles, values, shading="gouraud", cmap=colours, vmin=least, vmax=most
+                x, z, snapshots.domain.cells, values, shading="gouraud", cmap=colours, vmin=least, vmax=most
             )
             bar = figure.colorbar(shown, ax=axis, label=f"{label} [mm]", location="right" if slender else "bottom")
             bar.ax.locator_params(nbins=4)

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.learning.jet import ROWS, Jet
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.scene import Scene
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 def residuals(
-    losses: Mapping[str, Loss], scene: Scene, snapshots: Snapshots, predicted_mm: Floats, which: NDArray[np.int64]
+    losses: Mapping[str, Loss], scene: Scene, snapshots: Dataset, predicted_mm: Floats, which: NDArray[np.int64]
 ) -> dict[str, dict[str, float]]:
     """Unweighted terms, for both fields from their values at the points of the face and by the same formulas.
 
@@ -42,7 +42,7 @@ def residuals(
     -------
     For each term "fem", "surrogate" and "rest" (no displacement), each in the term's own unit.
     """
-    body = Triangulation(snapshots.points, snapshots.triangles)
+    body = Triangulation(snapshots.domain.points_mm, snapshots.domain.cells)
     rest = np.zeros_like(predicted_mm)
     fields = {"fem": snapshots.displacements, "surrogate": predicted_mm, "rest": rest}
     found: dict[str, dict[str, float]] = {}

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.registry import describe, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Training
 from pgdl_lab.learning.linear import DATA
 from pgdl_lab.learning.model import Model
 
 
 def measure(
-    model: Model, training: Training, snapshots: Snapshots, train: NDArray[np.int64], selection: NDArray[np.int64]
+    model: Model, training: Training, snapshots: Dataset, train: NDArray[np.int64], selection: NDArray[np.int64]
 ) -> dict[str, Any]:
     """Errors of `model` on the same training points.
 
@@ -41,7 +41,7 @@ def measure(
     )
     surrogate = model.fit(alone)
     seconds = time.perf_counter() - start
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    predicted = surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa, beyond=True)
     comparison = Comparison(snapshots, predicted, train, selection=selection)
     return {
         "model": describe(model)["name"],

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Snapshots
 
 ROUNDING = 1e-9  # pressures are sums and products of floats: 0.88 · 50 kPa must include the snapshot at 44 kPa
 
@@ -68,7 +68,7 @@ class Split(ABC):
                 f"split.points is {self.points}, which is every point and leaves none to test on; ask for fewer."
             )
 
-    def train_points(self, snapshots: Snapshots, seed: int) -> NDArray[np.int64]:
+    def train_points(self, snapshots: Dataset, seed: int) -> NDArray[np.int64]:
         """Sorted indices (n,) of the training points, drawn evenly from the seen snapshots.
 
         Raises
@@ -76,16 +76,16 @@ class Split(ABC):
         InputError
             See `check`.
         """
-        nodes = len(snapshots.points)
+        nodes = len(snapshots.domain.points_mm)
         self.check(snapshots.pressures_kpa, nodes)
         seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
         drawn = np.random.default_rng(seed).choice(len(seen) * nodes, self.points, replace=False)
         return np.sort(seen[drawn // nodes] * nodes + drawn % nodes)
 
-    def selection_points(self, snapshots: Snapshots, train: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+    def selection_points(self, snapshots: Dataset, train: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
         """Sorted indices (m,) of points that a search selects by: neither trained on nor tested on.
 
-        They are a tenth of the points of the seen snapshots that are not trained on, at most `SELECTED`. Snapshots that
+        They are a tenth of the points of the seen snapshots that are not trained on, at most `SELECTED`. Dataset that
         give no training points are left to the test as a whole: who selects by them knows what they look like.
 
         Parameters
@@ -95,7 +95,7 @@ class Split(ABC):
         train
             (n,), indices of the training points.
         """
-        nodes = len(snapshots.points)
+        nodes = len(snapshots.domain.points_mm)
         seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
         others = np.setdiff1d((seen[:, None] * nodes + np.arange(nodes)).ravel(), train, assume_unique=True)
         count = min(SELECTED, len(others) // 10)

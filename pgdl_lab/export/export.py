@@ -71,8 +71,8 @@ def export(surrogate: Surrogate, folder: Path) -> Iterator[Form | InputError]:
 def random_queries(surrogate: Surrogate) -> Iterator[tuple[Floats, Floats]]:
     """Points (100, 2) [mm], even over the body, and a pressure (1,) [kPa], 100 times."""
     rng = np.random.default_rng(0)
-    mesh = surrogate.face.mesh
-    corners = mesh.points_mm[mesh.triangles]
+    mesh = surrogate.domain.mesh
+    corners = mesh.points_mm[mesh.simplices]
     legs = corners[:, 1:] - corners[:, :1]
     area = np.abs(np.linalg.det(legs))
     for _ in range(BATCHES):

@@ -18,6 +18,7 @@ from pgdl_lab.surrogate.last_layer import STATE
 from pgdl_lab.surrogate.network import ACTIVATIONS
 from pgdl_lab.surrogate.nodal_surrogate import NodalSurrogate
 from pgdl_lab.surrogate.process_surrogate import ProcessSurrogate
+from pgdl_lab.surrogate.record import arrays_of
 from pgdl_lab.surrogate.surrogate import FORMAT, UNITS, VERSION, Surrogate
 
 
@@ -61,9 +62,9 @@ def write(surrogate: Surrogate, path: Path) -> None:
         See `plain_state`; also when the surrogate knows no face.
     """
     kind, arrays = plain_state(surrogate)
-    record, face = surrogate.record, surrogate.face
+    record, domain = surrogate.record, surrogate.domain
     about = {
         "format": FORMAT, "version": VERSION, "kind": kind, "units": UNITS, "model": surrogate.model,
         "ranges": record.ranges, "provenance": record.provenance,
     }  # fmt: skip
-    archive.write(path, about, state=arrays, face=face.arrays())
+    archive.write(path, about, state=arrays, face=arrays_of(domain))

@@ -13,11 +13,12 @@ from torch import Tensor, nn
 from torch.export import Dim
 
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.face_mesh import FaceMesh
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.simplices import SimplexMesh
 from pgdl_lab.learning.field import PlaneField
 from pgdl_lab.learning.modal import ModalField
 from pgdl_lab.learning.neural_surrogate import NeuralSurrogate
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.nodal_surrogate import NodalSurrogate
 from pgdl_lab.surrogate.surrogate import Surrogate
 
@@ -73,15 +74,15 @@ class Interpolation(nn.Module):
     slopes: Tensor
     triangles: Tensor
 
-    def __init__(self, mesh: FaceMesh) -> None:
+    def __init__(self, mesh: SimplexMesh) -> None:
         super().__init__()
-        origin_mm, self.cell_mm, table = mesh.cells
+        origin_mm, self.cell_mm, table = mesh.grid
         first_mm, slopes = mesh.affine
         self.register_buffer("origin_mm", torch.from_numpy(origin_mm))
         self.register_buffer("table", torch.from_numpy(table))
         self.register_buffer("first_mm", torch.from_numpy(first_mm))
         self.register_buffer("slopes", torch.from_numpy(slopes))
-        self.register_buffer("triangles", torch.from_numpy(mesh.triangles))
+        self.register_buffer("triangles", torch.from_numpy(mesh.simplices))
 
     def forward(self, points_mm: Tensor, nodal: Tensor) -> Tensor:
         place = torch.floor((points_mm - self.origin_mm) / self.cell_mm)
@@ -107,18 +108,16 @@ class NodalGraph(Graph):
     def __init__(self, surrogate: NodalSurrogate) -> None:
         super().__init__()
         state = surrogate.state()
-        self.interpolation = Interpolation(FaceMesh(state["points_mm"], state["triangles"]))
-        self.low, self.high = (float(bound) for bound in state["range_kpa"])
+        self.interpolation = Interpolation(SimplexMesh(state["points_mm"], state["triangles"]))
+        self.basis = Basis.of([state["range_kpa"]], len(state["amplitudes"]) - 1)
         self.register_buffer("modes", torch.from_numpy(state["modes"]).flatten(1))
         self.register_buffer("amplitudes_mm", torch.from_numpy(state["amplitudes"]))
 
     def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
-        t = (2 * pressure_kpa - self.low - self.high) / (self.high - self.low)
-        polynomials = [torch.ones_like(t), t]
-        while len(polynomials) < self.amplitudes_mm.shape[0]:
-            polynomials.append(2 * t * polynomials[-1] - polynomials[-2])
         local = self.interpolation(points_mm, self.modes).unflatten(1, (-1, 2))
-        flat = torch.stack(polynomials, dim=1) @ self.amplitudes_mm @ local.transpose(0, 1).flatten(1)
+        flat = (
+            torch.stack(self.basis.terms([pressure_kpa]), dim=1) @ self.amplitudes_mm @ local.transpose(0, 1).flatten(1)
+        )
         return flat.unflatten(1, (-1, 2))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pgdl_lab.learning.separable import chebyshev
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.calibration import NORMAL
 from pgdl_lab.surrogate.limits import BEYOND
 
@@ -28,7 +28,7 @@ def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     )
     coefficients = np.einsum("dk,nkc->dnc", amplitudes, modes).reshape(len(amplitudes), -1)
     pressures_kpa = np.linspace(0.0, BEYOND * range_kpa[1], 10 * len(amplitudes))
-    polynomials = chebyshev(pressures_kpa, range_kpa, len(amplitudes) - 1)
+    polynomials = Basis.of([range_kpa], len(amplitudes) - 1)(pressures_kpa)
     roots = spread.transpose(1, 0, 2).reshape(len(amplitudes), -1)
     known = polynomials[pressures_kpa <= range_kpa[1]] @ roots
     deviation_mm = np.sqrt((known.astype(float) ** 2).sum() / len(known) / len(modes))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.scene import Scene
@@ -38,10 +38,12 @@ class Samples:
     displacements_mm: NDArray[np.float64]
 
     @classmethod
-    def of(cls, snapshots: Snapshots, indices: NDArray[np.int64]) -> Samples:
+    def of(cls, snapshots: Dataset, indices: NDArray[np.int64]) -> Samples:
         """The data points `indices` (n,) of `snapshots`: point i is node i % N of snapshot i // N."""
-        snapshot, node = np.divmod(indices, len(snapshots.points))
-        return cls(snapshots.points[node], snapshots.pressures_kpa[snapshot], snapshots.displacements[snapshot, node])
+        snapshot, node = np.divmod(indices, len(snapshots.domain.points_mm))
+        return cls(
+            snapshots.domain.points_mm[node], snapshots.pressures_kpa[snapshot], snapshots.displacements[snapshot, node]
+        )
 
     def at(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
         """Some of these, by their indices (m,) or a mask (n,)."""

@@ -70,8 +70,8 @@ def _warn_of_holes(surrogate: Surrogate, training: Training) -> None:
     from scipy.spatial import cKDTree
 
     scene, samples = training.scene, training.whole
-    body = scene.points_mm
-    distance, _ = cKDTree(np.concatenate([samples.points_mm, body[scene.clamp]])).query(body)
+    body = scene.domain.points_mm
+    distance, _ = cKDTree(np.concatenate([samples.points_mm, body[scene.domain.clamp]])).query(body)
     far = distance > HOLE * float(np.ptp(body, axis=0).max())
     if not far.any():
         return

@@ -54,7 +54,8 @@ def fit(model: Trainable, training: Training) -> Surrogate:
         module = _prepared(model, training)
 
         def surrogate() -> Surrogate:
-            record = Record(training.samples.ranges(), dict(training.provenance), module.history, training.scene.face)
+            known = training.samples.ranges(), dict(training.provenance)
+            record = Record(*known, module.history, training.scene.kept_domain)
             return model.finished(module.objective.field, record, training)
 
         try:

@@ -76,7 +76,7 @@ def fitted(
     gap = Gap.left_by(samples.points_mm, body.points_mm, body.points_mm[:0])
     return {
         "points_mm": body.points_mm,
-        "triangles": body.triangles,
+        "triangles": body.simplices,
         "places": places / length,
         "unit_kpa": np.array(half_kpa * length),
         "inputs": inputs[learnt],

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import plugin
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.scene import Scene
-from pgdl_lab.learning.separable import SeparableRegression, chebyshev, evaluated
+from pgdl_lab.learning.separable import SeparableRegression, evaluated
 from pgdl_lab.mechanics.fem import SimulationStopped
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.limits import BEYOND
 from pgdl_lab.surrogate.triangulation import Triangulation
 
@@ -53,7 +54,7 @@ def guide(scene: Scene, name: str, highest_kpa: float, degree: int) -> Floats:
     if scene.finger is None:
         raise InputError("the finger behind the data is not known")
     given: Any = scene.finger
-    observation = Observation(2 * (degree + 1), len(scene.points_mm))
+    observation = Observation(2 * (degree + 1), len(scene.domain.points_mm))
     with _unheard():
         try:
             found = plugin("fem", name)().simulate(replace(given, max_kpa=BEYOND * highest_kpa), observation)
@@ -61,11 +62,11 @@ def guide(scene: Scene, name: str, highest_kpa: float, degree: int) -> Floats:
             found = stop.snapshots
             if len(found.pressures_kpa) <= degree or found.pressures_kpa[-1] < highest_kpa:
                 raise
-    polynomials = chebyshev(found.pressures_kpa, np.array([0.0, highest_kpa]), degree)
+    polynomials = Basis.of([(0.0, highest_kpa)], degree)(found.pressures_kpa)
     coefficients: Floats = np.linalg.lstsq(polynomials, found.displacements.reshape(len(polynomials), -1))[0]
     nodal = coefficients.reshape(degree + 1, -1, 2).transpose(1, 0, 2)
-    if not np.array_equal(found.points, scene.points_mm):
-        corners, weights = Triangulation(found.points, found.triangles).locate(scene.points_mm)
+    if not np.array_equal(found.domain.points_mm, scene.domain.points_mm):
+        corners, weights = Triangulation(found.domain.points_mm, found.domain.cells).locate(scene.domain.points_mm)
         nodal = np.einsum("nc,ncdi->ndi", weights, nodal[corners])
     return np.ascontiguousarray(nodal)
 
@@ -93,12 +94,15 @@ def gains(scene: Scene, samples: Samples, nodal: Floats, degree: int, rng: np.ra
 
     def from_middle(points_mm: Floats) -> Floats:
         """Distance (m,) from the middle of a strip, 1 at its edges."""
-        place = STRIPS * (points_mm[:, 0] - scene.points_mm[:, 0].min()) / np.ptp(scene.points_mm[:, 0])
+        place = STRIPS * (points_mm[:, 0] - scene.domain.points_mm[:, 0].min()) / np.ptp(scene.domain.points_mm[:, 0])
         return 2 * np.abs(place % 1 - 0.5) / share
 
-    triangles = scene.triangles[(from_middle(scene.points_mm) <= 1)[scene.triangles].all(axis=1)]
+    triangles = scene.domain.cells[(from_middle(scene.domain.points_mm) <= 1)[scene.domain.cells].all(axis=1)]
     nodes, renumbered = np.unique(triangles, return_inverse=True)
-    body, clamp = Triangulation(scene.points_mm[nodes], renumbered.reshape(-1, 3)), np.isin(nodes, scene.clamp)
+    body, clamp = (
+        Triangulation(scene.domain.points_mm[nodes], renumbered.reshape(-1, 3)),
+        np.isin(nodes, scene.domain.clamp),
+    )
     corners, weights = body.locate(samples.points_mm)
     seen = np.flatnonzero(body.distance_mm(samples.points_mm, corners, weights) <= body.tolerance_mm)
     nearest = corners[seen, weights[seen].argmax(axis=1)]

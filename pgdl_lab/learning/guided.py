@@ -14,7 +14,7 @@ from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import Field
 from pgdl_lab.learning.jet import ROWS, XX, XZ, ZZ, X, Z, propagate
 from pgdl_lab.learning.modal import DECAY
-from pgdl_lab.learning.separable import chebyshev
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.last_layer import ridge_regression
 from pgdl_lab.surrogate.limits import BEYOND
 from pgdl_lab.surrogate.triangulation import Triangulation
@@ -150,12 +150,7 @@ class GuidedField(Field):
         return self.points_mm[:, 0].max() - self.points_mm[:, 0].min()
 
     def _polynomials(self, pressures_kpa: Tensor, count: int) -> Tensor:
-        low, high = self.range_kpa
-        t = (2 * pressures_kpa - low - high) / (high - low)
-        columns = [torch.ones_like(t), t]
-        while len(columns) < count:
-            columns.append(2 * t * columns[-1] - columns[-2])
-        return torch.stack(columns[:count], dim=-1)
+        return torch.stack(Basis.of([self.range_kpa.tolist()], count - 1).terms([pressures_kpa]), dim=-1)
 
     @torch.no_grad()
     def nodal(self) -> NDArray[np.float64]:
@@ -164,7 +159,7 @@ class GuidedField(Field):
         # Chebyshev points up to where it may be asked
         kpa = BEYOND * high * (1 - np.cos(np.pi * (np.arange(4 * degree) + 0.5) / (4 * degree))) / 2
         fields = self.displacements(self.coordinates(self.points_mm.cpu().numpy(), 0), torch.from_numpy(kpa))
-        polynomials = chebyshev(kpa, self.range_kpa.cpu().numpy(), degree)
+        polynomials = Basis.of([self.range_kpa.tolist()], degree)(kpa)
         fitted = np.linalg.lstsq(polynomials, fields.cpu().numpy().reshape(len(kpa), -1))[0]
         return fitted.reshape(degree + 1, -1, 2).transpose(1, 0, 2)
 

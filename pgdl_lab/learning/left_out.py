@@ -47,7 +47,7 @@ def bars_left_out(model: Trainable, training: Training, field: ReadOutField, spe
     if count < FEWEST:
         _log.warning(TOO_FEW, count, FEWEST)
         return None
-    gap = scene.face and Gap.left_by(whole.points_mm, scene.points_mm, scene.points_mm[:0])
+    gap = scene.kept_domain and Gap.left_by(whole.points_mm, scene.domain.points_mm, scene.domain.points_mm[:0])
     parts = PARTS if count < FEW else 0
     needed_s = (1 + parts + (BLOCKS if gap else 0)) * spent_s
     if needed_s > training.trainer.max_seconds:

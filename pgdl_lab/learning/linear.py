@@ -64,7 +64,7 @@ class LinearModel(Model):
             regression, body = regression_of(training, self.degree, training.whole)
             with closing(regression):
                 state = compressed({**body, **self.learn(regression, training)})
-        record = Record(training.whole.ranges(), dict(training.provenance), face=training.scene.face)
+        record = Record(training.whole.ranges(), dict(training.provenance), domain=training.scene.kept_domain)
         return self.restore({name: tensor.numpy() for name, tensor in state.items()}, record)
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> NodalSurrogate:
@@ -154,10 +154,10 @@ def regression_of(
             f"{degree + 1} coefficients at each place: train on {degree + 1} points at least{lower}."
         )
     range_kpa = np.array([0.0, samples.pressures_kpa.max()])
-    body = Triangulation(scene.points_mm, scene.triangles)
+    body = Triangulation(scene.domain.points_mm, scene.domain.cells)
     clock = Clock(training.trainer.max_seconds, spent_s)
-    return SeparableRegression(body, scene.clamp, samples, range_kpa, degree, rough, clock), {
-        "points_mm": torch.from_numpy(scene.points_mm),
-        "triangles": torch.from_numpy(scene.triangles),
+    return SeparableRegression(body, scene.domain.clamp, samples, range_kpa, degree, rough, clock), {
+        "points_mm": torch.from_numpy(scene.domain.points_mm),
+        "triangles": torch.from_numpy(scene.domain.cells),
         "range_kpa": torch.from_numpy(range_kpa),
     }

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.field import ReadOutField
 from pgdl_lab.learning.jet import ROWS, propagate
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.triangulation import Triangulation
 
 # The least-squares start punishes mode m in the k-th Chebyshev polynomial by RIDGE · (λ_m / λ_max)² · GROWTH^k per
@@ -102,12 +103,11 @@ class ModalField(ReadOutField):
 
     def polynomials(self, pressures_kpa: Tensor) -> Tensor:
         """Chebyshev polynomials (n, degree + 1) at pressures (n,) [kPa]; they go on beyond the range."""
-        low, high = self.range_kpa
-        t = (2 * pressures_kpa - low - high) / (high - low)
-        columns = [torch.ones_like(t), t]
-        while len(columns) <= self.degree:
-            columns.append(2 * t * columns[-1] - columns[-2])
-        return torch.stack(columns[: self.degree + 1], dim=-1)
+        return torch.stack(self._basis.terms([pressures_kpa]), dim=-1)
+
+    @cached_property
+    def _basis(self) -> Basis:
+        return Basis.of([self.range_kpa.tolist()], self.degree)
 
     def features(self, coordinates: Tensor, pressures_kpa: Tensor) -> tuple[Tensor, Tensor]:
         hidden = self.deep[:-1](coordinates[0])

@@ -112,4 +112,4 @@ class NeuralModel(TrainedModel):
         with torch.device("meta"):  # however large a network the settings ask for, it takes no memory
             field = self.stored_field(tensors)
         field.load_state_dict(tensors, assign=True)
-        return NeuralSurrogate(describe(self), record, field, LastLayer.restored(state, record.face))
+        return NeuralSurrogate(describe(self), record, field, LastLayer.restored(state, record.domain))

@@ -58,7 +58,7 @@ class NeuralSurrogate(Surrogate):
             for row, kpa in zip(bars_mm, pressures_kpa, strict=True):
                 place, pressure = _features(self.field, coordinates, np.full(len(points_mm), kpa))
                 row[:] = self.last_layer.bars(place, pressure[0], float(kpa))
-        return bars_mm * self.last_layer.stretched(self.record.face, points_mm)
+        return bars_mm * self.last_layer.stretched(self.record.domain, points_mm)
 
 
 def last_layer(

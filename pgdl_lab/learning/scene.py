@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.face_mesh import FaceMesh
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.mechanics.finger import Finger
-from pgdl_lab.surrogate.record import Face
 
 
 @dataclass(frozen=True, eq=False)  # each is its own key where something is prepared for it
@@ -20,12 +19,8 @@ class Scene:
 
     Attributes
     ----------
-    points_mm
-        (N, 2) float64, points of the undeformed face [mm].
-    triangles
-        (T, 3) int64, triangulation of the face on these points.
-    clamp
-        (C,) int64, points that are held fixed.
+    domain
+        The undeformed face: its points, a triangulation of them, the base line and the clamp.
     max_kpa
         Highest pressure of interest [kPa].
     lame_mpa, shear_modulus_mpa
@@ -34,51 +29,43 @@ class Scene:
         Weight per undeformed volume along x and z [N/mm³].
     finger
         The finger, for losses that ask for its law or its profile; None for data of unknown origin.
-    base
-        (B,) int64, points of the base line from root to tip; None where it is not known.
     """
 
-    points_mm: NDArray[np.float64]
-    triangles: NDArray[np.int64]
-    clamp: NDArray[np.int64]
+    domain: Domain
     max_kpa: float
     lame_mpa: float
     shear_modulus_mpa: float
     body_force_n_mm3: tuple[float, float]
     finger: Finger | None = None
-    base: NDArray[np.int64] | None = None
 
     @property
-    def face(self) -> Face | None:
-        """The face and its base line, as a surrogate keeps them."""
-        return None if self.base is None else Face(FaceMesh(self.points_mm, self.triangles), self.base)
+    def kept_domain(self) -> Domain | None:
+        """The face as a surrogate keeps it; None where no base line is known, so that there is no tip."""
+        return self.domain if len(self.domain.base) else None
 
     @cached_property
     def outline(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Midpoints (S, 2) [mm] and outward unit normals (S, 2) of the edges of the face that are not clamped."""
-        ends = np.concatenate([np.roll(self.triangles, -1 - c, axis=1)[:, :2] for c in range(3)])
-        across = np.concatenate([self.triangles[:, c] for c in range(3)])
+        ends = np.concatenate([np.roll(self.domain.cells, -1 - c, axis=1)[:, :2] for c in range(3)])
+        across = np.concatenate([self.domain.cells[:, c] for c in range(3)])
         _, first, uses = np.unique(np.sort(ends, axis=1), axis=0, return_index=True, return_counts=True)
         once = first[uses == 1]
-        once = once[~np.isin(ends[once], self.clamp).all(axis=1)]
-        start, stop = self.points_mm[ends[once, 0]], self.points_mm[ends[once, 1]]
+        once = once[~np.isin(ends[once], self.domain.clamp).all(axis=1)]
+        start, stop = self.domain.points_mm[ends[once, 0]], self.domain.points_mm[ends[once, 1]]
         middle, along = (start + stop) / 2, stop - start
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
-        inward = ((self.points_mm[across[once]] - middle) * normal).sum(axis=1) > 0
+        inward = ((self.domain.points_mm[across[once]] - middle) * normal).sum(axis=1) > 0
         return middle, np.where(inward[:, None], -normal, normal)
 
     @classmethod
-    def of(cls, finger: Finger, snapshots: Snapshots) -> Scene:
+    def of(cls, finger: Finger, snapshots: Dataset) -> Scene:
         """The scene of `finger`, with the face that `snapshots` observe."""
         force_x, _, force_z = finger.body_force_n_mm3.tolist()
         return cls(
-            points_mm=snapshots.points,
-            triangles=snapshots.triangles,
-            clamp=snapshots.clamp,
+            domain=snapshots.domain,
             max_kpa=float(snapshots.pressures_kpa[-1]),
             lame_mpa=finger.material.lame_mpa,
             shear_modulus_mpa=finger.material.shear_modulus_mpa,
             body_force_n_mm3=(force_x, force_z),
             finger=finger,
-            base=snapshots.base,
         )

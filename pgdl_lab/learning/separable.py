@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.triangulation import Triangulation
 
 Floats = NDArray[np.float64]
@@ -75,16 +75,10 @@ class Posterior:
     draws: Floats
 
 
-def chebyshev(pressures_kpa: Floats, range_kpa: Floats, degree: int) -> Floats:
-    """Chebyshev polynomials (P, degree + 1) at pressures (P,), which are mapped from `range_kpa` (2,) to −1 … 1."""
-    low, high = range_kpa
-    return chebvander((2 * pressures_kpa - low - high) / (high - low), degree)
-
-
 def evaluated(nodal: Floats, body: Triangulation, samples: Samples, highest_kpa: float) -> Floats:
     """Displacements (n, 2) [mm] at the samples of Chebyshev coefficients (N, D, 2) at the nodes, from 0 kPa on [mm]."""
     corners, weights = body.locate(samples.points_mm)
-    polynomials = chebyshev(samples.pressures_kpa, np.array([0.0, highest_kpa]), nodal.shape[1] - 1)
+    polynomials = Basis.of([(0.0, highest_kpa)], nodal.shape[1] - 1)(samples.pressures_kpa)
     return np.einsum("nc,nd,ncdi->ni", weights, polynomials, nodal[corners], optimize=True)
 
 
@@ -146,7 +140,7 @@ class SeparableRegression:
         hats.eliminate_zeros()
         self.hats = hats
         self._solver = symmetric_solver()
-        self.polynomials = chebyshev(samples.pressures_kpa, range_kpa, degree)
+        self.polynomials = Basis.of([range_kpa], degree)(samples.pressures_kpa)
 
     def allows(self, fits: int) -> bool:
         """Whether there is time for so many fits more, each as long as the longest so far."""

@@ -61,13 +61,13 @@ def deck(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float) -
     InputError
         When CalculiX does not have the finger's material.
     """
-    positions, cells, _ = model.cells()
+    domain = model.domain()
     card, highest = finger.material.calculix(), float(pressures_kpa[-1])
     compressibility = 2e-6 / finger.material.bulk_modulus_mpa  # the term (J − 1)²/D1 [1/Pa]
     constants = [*card.constants, compressibility, *[NO_TERM] * (card.volumetric_terms - 1)]
-    lines = ["*NODE,NSET=BODY", *(_row(number, *place) for number, place in enumerate(positions, start=1))]
+    lines = ["*NODE,NSET=BODY", *(_row(number, *place) for number, place in enumerate(domain.points_mm, start=1))]
     lines.append("*ELEMENT,TYPE=C3D20R,ELSET=BODY")
-    for number, nodes in enumerate(cells + 1, start=1):
+    for number, nodes in enumerate(domain.cells + 1, start=1):
         lines += [_row(number, *nodes[:10]) + ",", _row(*nodes[10:])]
     lines += [
         "*MATERIAL,NAME=SOLID",
@@ -81,7 +81,7 @@ def deck(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float) -
         "*TIME POINTS,NAME=OBSERVED",
         *(_row(kpa) + "," for kpa in pressures_kpa),
     ]
-    face_mm2 = float(model.discretisation.weights.sum() / len(cells)) ** (2 / 3)
+    face_mm2 = float(model.discretisation.weights.sum() / len(domain.cells)) ** (2 / 3)
     force = VAGUE_STRAIN * 1e6 * finger.material.shear_modulus_mpa * face_mm2 if card.principal else 0.0
     if weighs(finger):
         size = float(np.linalg.norm(finger.gravity_mm_s2))
@@ -89,7 +89,7 @@ def deck(model: Model, finger: Finger, pressures_kpa: Array, tolerance: float) -
         first = 1.0 if card.principal else FIRST_WEIGHT
         lines += _step(1.0, first, tolerance, [weight], f"FREQUENCY={NO_LIMIT}", force)
     first = min(float(pressures_kpa[0]), FIRST_PRESSURE * highest)
-    walls = [_row(element, f"P{face}", 1e3 * highest) for element, face in walls_under_pressure(model, cells)]
+    walls = [_row(element, f"P{face}", 1e3 * highest) for element, face in walls_under_pressure(model, domain.cells)]
     lines += _step(highest, first / highest, tolerance, walls, "TIME POINTS=OBSERVED", force)
     return "\n".join(lines) + "\n"
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.mechanics.crossing import MOST_DIVISIONS, CurvedFaces
+from pgdl_lab.mechanics.crossing import CurvedFaces
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.skin import MIRROR, skin
 from pgdl_lab.mechanics.surface import ContactResponse, MirrorPlane, Pairs, Surface
@@ -32,6 +32,7 @@ REACH_MM = 0.05  # unless told otherwise
 # Forces on quadratic faces come from samples, more of them than nodes: those of a uniform pressure are in error by the
 # square of the distance of samples. Where faces are too narrow for three to an edge, two must do.
 DIVISIONS = (3, 2)
+MOST_DIVISIONS = 12  # where faces would pass through each other between fewer
 TOUCHING = 1e-3  # reaches: what is nearer at rest leaves no room for a smaller reach
 WIDEST_GAP = 10  # reaches: gaps up to it are measured
 
@@ -106,14 +107,13 @@ class Contact:
         return [*surfaces, *plane]
 
     def follow_more_finely(self) -> bool:
-        """Twice as many triangles along each edge, as before any contact; False where they would be too small."""
-        if 2 * self._divisions > MOST_DIVISIONS:
-            return False
-        finer = self._followed(2 * self._divisions)
-        if min(pairs.apart_at_rest_mm for pairs in finer) < np.inf:
-            return False
-        self._divisions, self._pairs, self.active = 2 * self._divisions, finer, self.mode == "on"
-        return True
+        """Twice as many triangles along each edge, or as many as can be, as before any contact; False if none can."""
+        for divisions in range(min(2 * self._divisions, MOST_DIVISIONS), self._divisions, -1):
+            finer = self._followed(divisions)
+            if min(pairs.apart_at_rest_mm for pairs in finer) == np.inf:
+                self._divisions, self._pairs, self.active = divisions, finer, self.mode == "on"
+                return True
+        return False
 
     def like(self, other: "Contact") -> "Contact":
         """The same, with as many triangles along each edge as `other` has."""

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 OFF = 0.25  # of the depth that is looked for: how far triangles may lie from a face
-MOST_DIVISIONS = 12  # of an edge; with more, triangles become smaller than that depth
+MOST_DIVISIONS = 32  # of an edge: enough where a face bulges by 10 mm
 
 
 class CurvedFaces:
@@ -57,8 +57,9 @@ class CurvedFaces:
         vertices = moved(mesh, displacement)
         if self._mirror and float(vertices[:, 1].min()) < -deeper_mm / 2:
             return True
-        found: bool = ipctk.has_intersections(mesh, thinned(mesh, vertices, deeper_mm / 2))
-        return found
+        # Thinned by more than its thickness a thin wall would seem to pass through itself.
+        met: bool = ipctk.has_intersections(mesh, vertices)
+        return met and bool(ipctk.has_intersections(mesh, thinned(mesh, vertices, deeper_mm / 2)))
 
     def _mesh(self, number: int, divisions: int) -> "ipctk.CollisionMesh":
         if (number, divisions) not in self._meshes:

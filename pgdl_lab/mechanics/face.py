@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.profile import Profile, Region
 
@@ -15,22 +16,13 @@ class Face:
 
     Attributes
     ----------
-    points
-        (N, 2) float64, x and z [mm].
-    triangles
-        (T, 3) int64, a triangulation of the face.
-    base
-        (B,) int64, points of the base line z = 0, ordered from the root to the tip.
-    clamp
-        (C,) int64, points of the clamped end x = 0.
+    domain
+        The triangulated face with the base line z = 0 and the clamped end x = 0.
     y_mm
         The plane y = const in which the face lies, or (N,) the y of each point [mm].
     """
 
-    points: NDArray[np.float64]
-    triangles: NDArray[np.int64]
-    base: NDArray[np.int64]
-    clamp: NDArray[np.int64]
+    domain: Domain
     y_mm: float | NDArray[np.float64]
 
 
@@ -77,7 +69,8 @@ def observe(profile: Profile, count: int, y_mm: float) -> Face:
     i, k = np.nonzero(kept)
     points = np.column_stack([grid.x[i], grid.z[k]])
     base, clamp = np.flatnonzero(k == 0), np.flatnonzero(i == 0)
-    return Face(points, triangulate(points, profile), base[np.argsort(points[base, 0])], clamp, y_mm)
+    base = base[np.argsort(points[base, 0])]
+    return Face(Domain(points, triangulate(points, profile), base=base, clamp=clamp), y_mm)
 
 
 def triangulate(points: NDArray[np.float64], profile: Profile) -> NDArray[np.int64]:

@@ -4,8 +4,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import LabError
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.finger import Finger
 
 
@@ -18,7 +19,7 @@ class SimulationStopped(LabError):
         What converged; may hold no snapshot at all.
     """
 
-    def __init__(self, message: str, snapshots: Snapshots) -> None:
+    def __init__(self, message: str, snapshots: Dataset) -> None:
         super().__init__(message)
         self.snapshots = snapshots
 
@@ -32,7 +33,7 @@ class Fem(ABC):
         return {}
 
     @abstractmethod
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         """Compute the observed displacements of `finger`.
 
         Raises

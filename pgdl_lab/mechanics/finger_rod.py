@@ -67,21 +67,23 @@ class FingerRod(ReducedModel):
 
     def observer(self, face: Face) -> Callable[[Array, float], Array]:
         """The section's rigid motion and the shapes of its segment, which are joined at the base line."""
-        x, z = face.points.T
+        x, z = face.domain.points_mm.T
         height = z - self.axis_mm
         owner = np.clip(np.searchsorted(self.cuts, x) - 1, 0, len(self.segments) - 1)
         groups, ends = [], []
         for number, segment in enumerate(self.segments):
             points = np.flatnonzero(owner == number)
             length = self.cuts[number + 1] - self.cuts[number]
-            groups.append((points, segment.lattice.interpolation(face.points[points] - [self.cuts[number], 0.0])))
+            groups.append(
+                (points, segment.lattice.interpolation(face.domain.points_mm[points] - [self.cuts[number], 0.0]))
+            )
             ends.append(segment.lattice.interpolation(np.array([[length, 0.0]])))
 
         def observe(state: Array, kpa: float) -> Array:
             u, w, angle = (np.interp(x, self.rod.nodes, component) for component in state.T)
             amplitudes = self.amplitudes(state, kpa)
             turns = np.interp(self.cuts[1:], self.rod.nodes, state[:, 2])
-            excess, shift = np.empty_like(face.points), np.empty_like(face.points)
+            excess, shift = np.empty_like(face.domain.points_mm), np.empty_like(face.domain.points_mm)
             reached = np.zeros(2)
             for number, (points, interpolation) in enumerate(groups):
                 shape = np.tensordot(amplitudes[number], self.segments[number].shapes, 1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.mechanics.cavity import Cavity
 from pgdl_lab.mechanics.contact import REACH_MM, Contact, NoContact
@@ -369,17 +370,17 @@ class Model:
         """Function from a displacement of all nodes (M, 3) to u_x and u_z at the points of `face` (N, 2) [mm]."""
         import scipy.sparse as sp
 
-        x, z = face.points.T
+        x, z = face.domain.points_mm.T
         at = np.vstack([x, np.broadcast_to(face.y_mm, len(x)), z])
         # scikit-fem looks for every point in every element that is near any of them.
         parts = np.array_split(at, range(PROBED, len(x), PROBED), axis=1)
         matrix = sp.vstack([self.discretisation.basis.probes(part) for part in parts], format="csr")
         return lambda displacement: matrix @ displacement[:, [0, 2]]
 
-    def cells(self) -> tuple[Array, NDArray[np.int64], str]:
-        """Undeformed nodes (M, 3) [mm], elements (E, A) in the order of VTK and the name of their type."""
+    def domain(self) -> Domain:
+        """The mesh, in the order of VTK."""
         name, cells = vtk_cells(self.discretisation)
-        return self.discretisation.positions, cells, name
+        return Domain(self.discretisation.positions, cells, name)
 
 
 @contextmanager

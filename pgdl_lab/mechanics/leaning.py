@@ -31,8 +31,10 @@ FAR = 0.1  # of the largest displacement: who leans so far is not followed farth
 LONGEST = 0.05  # of the largest displacement: a step of the descent
 SETTLED = 1e-3  # of the largest displacement: the last step
 STEPS = 40
+LAST = 15  # steps: in each of them a mode that nothing holds grows by a third at least
 STIFFER = 4.0  # by how much what is added to the stiffness grows and shrinks
 LEAST = 1e-7  # of the mean stiffness: what is added first
+LEAST_SHARE = 0.1  # of the mean over all nodes
 INVERSE_ITERATIONS = 6
 
 
@@ -103,7 +105,7 @@ class Leaning:
         self._half, self._both = half, both
         ours, tree = half.solid.discretisation.positions, cKDTree(both.solid.discretisation.positions)
         self._right, self._left = (tree.query(ours * [1, side, 1])[1] for side in (1, -1))
-        self._mass = nodal_volumes(both.solid.discretisation)[:, None] * np.ones(3)
+        self._mass = _share(both) * np.ones(3)
 
     def lean(self, solver: SymmetricSolver, displacement: Array, kpa: float, largest_mm: float) -> Lean:
         """How far the body leans that the half says is at `displacement` (N, 3) [mm].
@@ -134,7 +136,7 @@ class Leaning:
         """The way (N, 3) in which the half gives way first, of length 1 where it is longest."""
         half, free = self._half, self._half.sideways
         assert free is not None
-        mass = np.broadcast_to(nodal_volumes(half.solid.discretisation)[:, None], free.shape)[free]
+        mass = np.broadcast_to(_share(half), free.shape)[free]
         _positive(solver, half.sideways_stiffness(displacement, load), mass, 0.0)
         way = np.random.default_rng(0).normal(size=len(mass))
         for _ in range(INVERSE_ITERATIONS):
@@ -146,7 +148,7 @@ class Leaning:
 
     def _descend(self, solver: SymmetricSolver, at: Array, load: Load, largest_mm: float) -> tuple[Array, bool]:
         """A minimum of the energy below `at` (M, 3), and whether it is one; not if it leans too far or is slow."""
-        both, free, added = self._both, self._both.free, 0.0
+        both, free, added, leans_mm = self._both, self._both.free, 0.0, list[float]()
         for _ in range(STEPS):
             if self._lean_mm(at) > FAR * largest_mm:
                 return at, False
@@ -168,7 +170,17 @@ class Leaning:
                 added = max(STIFFER**2 * added, least)
                 continue
             added = added / STIFFER if added > least else 0.0
-        return at, False
+            leans_mm.append(self._lean_mm(at))
+        return at, len(leans_mm) > LAST and float(np.ptp(leans_mm[-LAST:])) < SETTLED * largest_mm
+
+
+def _share(equilibrium: Equilibrium) -> Array:
+    """What part of the body each node stands for (N, 1) [mm³], never next to nothing.
+
+    The shape functions of corners of elements without a centre have a negative integral.
+    """
+    volumes = np.abs(nodal_volumes(equilibrium.solid.discretisation))
+    return np.asarray(np.maximum(volumes, LEAST_SHARE * volumes.mean())[:, None])
 
 
 def _positive(solver: SymmetricSolver, upper: sp.csr_matrix, mass: Array, added: float) -> float:

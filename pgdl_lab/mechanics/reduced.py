@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab import __version__
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import ExtrudedFinger, Finger
@@ -65,8 +66,8 @@ def simulate(
     observation: Observation,
     tolerances_mm: tuple[float, float],
     caution: str,
-) -> Snapshots:
-    """Snapshots of `finger` by the model that `make` returns.
+) -> Dataset:
+    """Dataset of `finger` by the model that `make` returns.
 
     Parameters
     ----------
@@ -92,13 +93,10 @@ def simulate(
     observe = model.observer(face)
     displacements = np.array([observe(history.at(kpa), float(kpa)) for kpa in pressures])
     ended = time.perf_counter()
-    snapshots = Snapshots(
-        points=face.points,
-        triangles=face.triangles,
-        base=face.base,
-        clamp=face.clamp,
-        pressures_kpa=pressures,
-        displacements=displacements.reshape(-1, len(face.points), 2),
+    snapshots = Dataset.path(
+        face.domain,
+        pressures,
+        displacements.reshape(-1, len(face.domain.points_mm), 2),
         provenance={
             "finger": describe(finger),
             "fem": describe(fem),

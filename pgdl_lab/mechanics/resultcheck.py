@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.mechanics.finger import Finger
 
 REACH = 0.1  # of the length: how far from the clamp and from the tip the base line may end
@@ -10,7 +10,7 @@ GAP = 3.0  # times the usual spacing of its points is a gap in it, if it is long
 ELSEWHERE = 2.0  # times as much motion in the body as in what is observed is worth a word
 
 
-def doubts(snapshots: Snapshots, finger: Finger) -> list[str]:
+def doubts(snapshots: Dataset, finger: Finger) -> list[str]:
     """What of the result may not be as meant, in sentences."""
     found = [_base_line(snapshots)]
     if snapshots.body is not None and len(snapshots.pressures_kpa):
@@ -18,10 +18,13 @@ def doubts(snapshots: Snapshots, finger: Finger) -> list[str]:
     return [sentence for sentence in found if sentence]
 
 
-def _base_line(snapshots: Snapshots) -> str:
+def _base_line(snapshots: Dataset) -> str:
     """Whether the base line, whose last point is the tip of every surrogate, reaches from the clamp to the far end."""
-    x = snapshots.points[:, 0] if snapshots.body is None else snapshots.body.positions[:, 0]
-    base, held = np.sort(snapshots.points[snapshots.base, 0]), snapshots.points[snapshots.clamp, 0]
+    x = snapshots.domain.points_mm[:, 0] if snapshots.body is None else snapshots.body.domain.points_mm[:, 0]
+    base, held = (
+        np.sort(snapshots.domain.points_mm[snapshots.domain.base, 0]),
+        snapshots.domain.points_mm[snapshots.domain.clamp, 0],
+    )
     length, clamped = float(np.ptp(x)), max(float(x.min()), float(held.max(initial=-np.inf)))
     body = f"but the body x = {x.min():.4g} to {x.max():.4g} mm: the observed face is not the side of the finger."
     if not len(base):
@@ -40,7 +43,7 @@ def _base_line(snapshots: Snapshots) -> str:
     return ""
 
 
-def _across(snapshots: Snapshots, finger: Finger) -> str:
+def _across(snapshots: Dataset, finger: Finger) -> str:
     """Whether the body moves mostly along y, which is not observed."""
     assert snapshots.body is not None
     x, y, z = np.abs(snapshots.body.displacements[-1]).max(axis=0)
@@ -53,7 +56,7 @@ def _across(snapshots: Snapshots, finger: Finger) -> str:
     )
 
 
-def _elsewhere(snapshots: Snapshots) -> str:
+def _elsewhere(snapshots: Dataset) -> str:
     """Whether the body moves mostly where it is not observed."""
     assert snapshots.body is not None
     moved = float(np.linalg.norm(snapshots.body.displacements[-1][:, [0, 2]], axis=1).max())

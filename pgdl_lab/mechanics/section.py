@@ -118,7 +118,7 @@ class PlaneFinger(ReducedModel):
         self.solver = symmetric_solver()
 
     def observer(self, face: Face) -> Callable[[Array, float], Array]:
-        matrix = self.lattice.interpolation(face.points)[:, self.nodes]
+        matrix = self.lattice.interpolation(face.domain.points_mm)[:, self.nodes]
         return lambda displacement, _: matrix @ displacement[:, [0, 2]]
 
     def touches(self, state: Array, kpa: float) -> bool:

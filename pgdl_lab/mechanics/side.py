@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.meshcavity import outward
@@ -104,13 +105,8 @@ def observe_side(mesh: "Mesh", count: int) -> Face:
     place = samples.points[kept] + INWARD * (samples.behind[kept] - samples.points[kept])
     points = place[:, [0, 2]]
     base = lowest(side, samples.points[:edge])
-    return Face(
-        points=points,
-        triangles=triangulate(side, points),
-        base=base[np.argsort(points[base, 0])],
-        clamp=np.flatnonzero(samples.clamped[kept]),
-        y_mm=place[:, 1],
-    )
+    base, clamp = base[np.argsort(points[base, 0])], np.flatnonzero(samples.clamped[kept])
+    return Face(Domain(points, triangulate(side, points), base=base, clamp=clamp), place[:, 1])
 
 
 def find(mesh: "Mesh") -> Side:

@@ -12,10 +12,12 @@ from typing import Any
 from numpy.typing import NDArray
 
 from pgdl_lab.core import sources
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import VERSION, DamagedDataset
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.heard import ASIDE, WARNINGS, heard
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe
-from pgdl_lab.core.snapshots import VERSION, DamagedSnapshots, Observation, Snapshots
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.resultcheck import doubts
@@ -65,8 +67,8 @@ def _classes(value: Any) -> Iterator[type]:
             yield from _classes(each)
 
 
-def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Snapshots, Path, bool]:
-    """Snapshots of a simulation, from `folder` if they are there, else computed and kept there.
+def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Dataset, Path, bool]:
+    """Dataset of a simulation, from `folder` if they are there, else computed and kept there.
 
     Runs that ask for the same simulation at the same time wait for the first of them. What the simulation warned of
     is told each time, and kept with the snapshots.
@@ -113,13 +115,13 @@ def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -
         )
 
 
-def _kept(path: Path) -> Snapshots | None:
+def _kept(path: Path) -> Dataset | None:
     """The snapshots at `path`, whose warnings are told; None if there are none that can be read: they are set aside."""
     if not path.exists():
         return None
     try:
-        snapshots = Snapshots.load(path)
-    except DamagedSnapshots as error:
+        snapshots = Dataset.load(path)
+    except DamagedDataset as error:
         aside = path.with_suffix(".damaged")
         os.replace(path, aside)
         _log.warning("%s It is set aside as %s, and the simulation is run again.", error, aside.name, extra=ASIDE)
@@ -129,8 +131,8 @@ def _kept(path: Path) -> Snapshots | None:
     return snapshots
 
 
-def _computed(fem: Fem, finger: Finger, observation: Observation) -> Snapshots:
-    """Snapshots of a simulation, with what was warned of and, if it stopped, why."""
+def _computed(fem: Fem, finger: Finger, observation: Observation) -> Dataset:
+    """Dataset of a simulation, with what was warned of and, if it stopped, why."""
     with heard() as sentences:
         try:
             snapshots = fem.simulate(finger, observation)

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.paths import CONF
 from pgdl_lab.core.registry import (
     KINDS,
@@ -25,7 +27,6 @@ from pgdl_lab.core.registry import (
     require_values,
     restored,
 )
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.core.split import Split
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.loss import Loss
@@ -121,13 +122,13 @@ class Experiment:
             losses = {describe(loss)["name"]: loss for loss in made}
         return cls(loss=dict(losses), **{name: _made(name, part) for name, part in parts.items()})
 
-    def training(self, data: Snapshots, train: NDArray[np.int64], folder: Path, **beside: Any) -> Training:
+    def training(self, data: Dataset, train: NDArray[np.int64], folder: Path, **beside: Any) -> Training:
         """The training of this experiment's model on the points `train` (n,) of `data`.
 
         Parameters
         ----------
         data
-            Snapshots of this experiment's finger.
+            Dataset of this experiment's finger.
         train
             Their indices, see `Samples.of`.
         folder

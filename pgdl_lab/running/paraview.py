@@ -7,12 +7,13 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import writing
 from pgdl_lab.core.files import replacing
-from pgdl_lab.core.snapshots import Body, Snapshots, writing
 from pgdl_lab.surrogate.surrogate import Surrogate
 
 
-def write_series(body: Body, folder: Path) -> Path:
+def write_series(body: Dataset, folder: Path) -> Path:
     """Write the undeformed mesh [mm] with the displacements [mm]; what ParaView calls time is the pressure [kPa].
 
     Returns
@@ -26,7 +27,9 @@ def write_series(body: Body, folder: Path) -> Path:
     entries = []
     for number, (kpa, displacement) in enumerate(zip(body.pressures_kpa, body.displacements, strict=True)):
         name = f"body_{number:03d}.vtu"
-        mesh = meshio.Mesh(body.positions, [(body.cell_type, body.cells)], {"displacement_mm": displacement})
+        mesh = meshio.Mesh(
+            body.domain.points_mm, [(body.domain.cell_type, body.domain.cells)], {"displacement_mm": displacement}
+        )
         with replacing(folder / name) as temporary:
             mesh.write(temporary, file_format="vtu")
         entries.append(f'<DataSet timestep="{kpa:.9g}" file={quoteattr(name)}/>')
@@ -40,15 +43,16 @@ def write_series(body: Body, folder: Path) -> Path:
     return series
 
 
-def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
+def write_face(surrogate: Surrogate, snapshots: Dataset, path: Path) -> None:
     """Write what the finite elements and the surrogate say of the side face, one step per snapshot.
 
     Fields: "fem_mm", "surrogate_mm" and "difference_mm" (surrogate less finite elements), as vectors in x, y and z, and
     "error_bar_mm" where the surrogate has one. What ParaView calls time is the pressure [kPa]. The numbers lie beside
     `path` in an HDF5 file.
     """
-    predicted = surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True)
-    bars = surrogate.error_bar(snapshots.points, snapshots.pressures_kpa, beyond=True)
+    domain = snapshots.domain
+    predicted = surrogate.predict(domain.points_mm, snapshots.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(domain.points_mm, snapshots.pressures_kpa, beyond=True)
     fields = {
         "fem_mm": in_space(snapshots.displacements),
         "surrogate_mm": in_space(predicted),
@@ -58,7 +62,7 @@ def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     numbers = path.with_suffix(".h5")
     with writing(numbers) as file:
-        mesh = {"points": in_space(snapshots.points), "triangles": snapshots.triangles}
+        mesh = {"points": in_space(domain.points_mm), "triangles": domain.cells}
         grid = [_item(file, name, array, numbers.name) for name, array in mesh.items()]
         steps = []
         for number, kpa in enumerate(snapshots.pressures_kpa):
@@ -70,7 +74,7 @@ def write_face(surrogate: Surrogate, snapshots: Snapshots, path: Path) -> None:
             steps.append(
                 f'<Grid GridType="Uniform"><Time Value="{float(kpa)!r}"/>'
                 f'<Geometry GeometryType="XYZ">{grid[0]}</Geometry>'
-                f'<Topology TopologyType="Triangle" NumberOfElements="{len(snapshots.triangles)}">{grid[1]}</Topology>'
+                f'<Topology TopologyType="Triangle" NumberOfElements="{len(domain.cells)}">{grid[1]}</Topology>'
                 + "".join(attributes)
                 + "</Grid>"
             )

@@ -72,7 +72,7 @@ def run(
         "simulate": snapshots.provenance.get("seconds", waited),
         "simulate_cached": waited if cached else 0.0,
     }
-    _log.info("Snapshots %s: %s", "from the cache" if cached else "computed", path)
+    _log.info("Dataset %s: %s", "from the cache" if cached else "computed", path)
     tracked.log_snapshots(snapshots, path)
 
     train = experiment.split.train_points(snapshots, seed)

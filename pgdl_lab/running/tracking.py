@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import LabError
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.running.folders import MISSED, RUN_ID
 from pgdl_lab.running.mlflow_server import connect, find_run, gist, known_run, place
 from pgdl_lab.running.outbox import Message, deliver, missed, send, settle, tell
@@ -57,7 +57,7 @@ class TrackedRun:
         """Tell MLflow."""
         send(self.folder, replace(message, parent=self._parent))
 
-    def log_snapshots(self, snapshots: Snapshots, source: Path) -> None:
+    def log_snapshots(self, snapshots: Dataset, source: Path) -> None:
         """Note the dataset that the run was trained on and the file it lies in."""
         from mlflow.data.numpy_dataset import from_numpy
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pgdl_lab.core.errors import InputError
 
 if TYPE_CHECKING:
+    from pgdl_lab.core.domain import Domain
     from pgdl_lab.surrogate.probe import Probe
-    from pgdl_lab.surrogate.record import Face
 
 Floats = NDArray[np.float64]
 
@@ -168,16 +168,16 @@ class Inverse:
 
     Parameters
     ----------
-    face
-        The surrogate's face.
+    domain
+        The side face, with its base line.
     probe
         The surrogate at points (N, 2) [mm].
     low_kpa, high_kpa
         Pressures between which it is sought [kPa].
     """
 
-    def __init__(self, face: Face, probe: Callable[[Floats], Probe], low_kpa: float, high_kpa: float) -> None:
-        points, base = face.mesh.points_mm, face.base
+    def __init__(self, domain: Domain, probe: Callable[[Floats], Probe], low_kpa: float, high_kpa: float) -> None:
+        points, base = domain.points_mm, domain.base
         self.tip = Tip(probe(points[base[-1:]]), points[base[-1]], low_kpa, high_kpa)
         self.curvature = Curvature(probe(points[base]), points[base], low_kpa, high_kpa)
 

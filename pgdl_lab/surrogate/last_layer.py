@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.surrogate.calibration import ABOVE, covering, covering_line
-from pgdl_lab.surrogate.record import Face
 
 Floats = NDArray[np.float64]
 Features = tuple[Floats, Floats]
@@ -111,18 +111,18 @@ class LastLayer:
         return cls(roots, np.array(kpa), np.array(bar_mm))
 
     @classmethod
-    def restored(cls, state: Mapping[str, NDArray[Any]], face: Face | None = None) -> LastLayer | None:
-        """That of the state of a surrogate on a face; None where it has none.
+    def restored(cls, state: Mapping[str, NDArray[Any]], domain: Domain | None = None) -> LastLayer | None:
+        """That of the state of a surrogate on a domain; None where it has none.
 
         Raises
         ------
         ValueError
-            When its stretch is not one of the points of the face.
+            When its stretch is not one of the points of the domain.
         """
         roots, kpa, bar_mm, stretch = (state.get(STATE + name) for name in ("roots", "kpa", "bar_mm", "stretch"))
         if roots is None or kpa is None or bar_mm is None:
             return None
-        if stretch is not None and (face is None or stretch.shape != face.mesh.points_mm[:, 0].shape):
+        if stretch is not None and (domain is None or stretch.shape != domain.points_mm[:, 0].shape):
             raise ValueError(f"{STATE}stretch is {stretch.shape}")
         return cls(roots, kpa, bar_mm, stretch)
 
@@ -130,11 +130,11 @@ class LastLayer:
         """What the state of a surrogate holds of it."""
         return {STATE + name: array for name, array in vars(self).items() if array is not None}
 
-    def stretched(self, face: Face | None, points_mm: Floats) -> Floats:
-        """How many times wider bars are at points (n, 2) [mm] of the face."""
-        if self.stretch is None or face is None:
+    def stretched(self, domain: Domain | None, points_mm: Floats) -> Floats:
+        """How many times wider bars are at points (n, 2) [mm] of the domain."""
+        if self.stretch is None or domain is None:
             return np.ones(len(points_mm))
-        corners, weights = face.mesh.locate(points_mm)
+        corners, weights = domain.locate(points_mm)
         return (weights * self.stretch[corners]).sum(axis=1)
 
     def bars(self, place: Floats, pressure: Floats, kpa: float) -> Floats:

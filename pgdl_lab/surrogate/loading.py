@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.face_mesh import FaceMesh
+from pgdl_lab.core.simplices import SimplexMesh
 from pgdl_lab.surrogate.archive import read, reason
 from pgdl_lab.surrogate.network import NetworkSurrogate
 from pgdl_lab.surrogate.nodal_surrogate import NodalSurrogate
 from pgdl_lab.surrogate.process_surrogate import ProcessSurrogate
-from pgdl_lab.surrogate.record import Face, Record
+from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES, Shapes, require
 from pgdl_lab.surrogate.surrogate import FORMAT, VERSION, Surrogate
 
-TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `FaceMesh.cells` that are allowed; fingers have 10 per triangle
+TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `SimplexMesh.cells` that are allowed; fingers have 10 per triangle
 
 PLAIN: dict[str, Callable[[Mapping[str, Any], Record, Mapping[str, NDArray[Any]]], Surrogate]] = {
     "nodal": NodalSurrogate,
@@ -80,9 +81,9 @@ def load(path: str | Path, outside: str = "warn") -> Surrogate:
 
 
 def _restored(path: Path, content: Mapping[str, Any]) -> Surrogate:
-    face = _face(content["face"]) if content["face"] else None
+    domain = _domain(content["face"]) if content["face"] else None
     if "kind" in content:
-        record = Record(content["ranges"], content["provenance"], face=face)
+        record = Record(content["ranges"], content["provenance"], domain=domain)
         return PLAIN[content["kind"]](content["model"], record, content["state"])
     from omegaconf import OmegaConf
 
@@ -100,25 +101,25 @@ def _restored(path: Path, content: Mapping[str, Any]) -> Surrogate:
             f"{OWN_PLUGINS} and of installed packages. Known models: {', '.join(names('model'))}."
         )
     model: Any = OmegaConf.to_object(restored("model", content["model"]))
-    surrogate: Surrogate = model.restore(content["state"], Record(**content["record"], face=face))
+    surrogate: Surrogate = model.restore(content["state"], Record(**content["record"], domain=domain))
     return surrogate
 
 
-def _face(arrays: Mapping[str, NDArray[Any]]) -> Face:
+def _domain(arrays: Mapping[str, NDArray[Any]]) -> Domain:
     require(arrays, FACE)
     mesh = _mesh(arrays)
     base = arrays["base"]
     if len(base) < 2 or not 0 <= base.min() <= base.max() < len(mesh.points_mm):
         raise ValueError("a point is missing")
-    return Face(mesh, base)
+    return Domain(mesh.points_mm, mesh.simplices, base=base)
 
 
-def _mesh(arrays: Mapping[str, NDArray[Any]]) -> FaceMesh:
+def _mesh(arrays: Mapping[str, NDArray[Any]]) -> SimplexMesh:
     """The triangulated body among `arrays`, in which every point can be located."""
     points, triangles = arrays["points_mm"], arrays["triangles"]
     if not np.isfinite(points).all() or not 0 <= triangles.min() <= triangles.max() < len(points):
         raise ValueError("a point is missing")
-    mesh = FaceMesh(points, triangles)
+    mesh = SimplexMesh(points, triangles)
     entries, most = mesh.table_entries, max(TABLE, TABLE_PER_TRIANGLE * len(triangles))
     if entries > most:
         raise ValueError(f"to look a point up in its mesh would take {entries:,} entries, and {most:,} are allowed")
@@ -139,7 +140,7 @@ def _works(surrogate: Surrogate) -> bool:
     if not all(np.isfinite(bounds).all() for bounds in ranges.values()):
         return False
     low, high = ranges["pressure_kpa"]
-    point = np.zeros((1, 2)) if surrogate.record.face is None else surrogate.face.mesh.points_mm[:1]
+    point = np.zeros((1, 2)) if surrogate.record.domain is None else surrogate.domain.points_mm[:1]
     answers, bars = surrogate.probe(point).values(np.array([low, high])), surrogate.bars(point, np.array([low, high]))
     if bars is not None and not (bars.shape == (2, 1) and np.isfinite(bars).all()):
         return False

@@ -44,7 +44,7 @@ class NetworkSurrogate(Surrogate):
         self._state = dict(state)
         count = sum(not name.startswith(STATE) for name in state)
         self._layers = [np.asarray(state[str(number)], dtype=np.float64) for number in range(count)]
-        self._last_layer = LastLayer.restored(state, record.face)
+        self._last_layer = LastLayer.restored(state, record.domain)
         self._activation = ACTIVATIONS[self.model["activation"]]
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -61,7 +61,7 @@ class NetworkSurrogate(Surrogate):
                     for kpa in pressures_kpa)  # fmt: skip
         bars = [self._last_layer.bars(each, np.ones(1), float(kpa))
                 for each, kpa in zip(features, pressures_kpa, strict=True)]  # fmt: skip
-        stretch = self._last_layer.stretched(self.record.face, points_mm)
+        stretch = self._last_layer.stretched(self.record.domain, points_mm)
         return np.array(bars).reshape(len(pressures_kpa), len(points_mm)) * stretch
 
     def hidden(self, inputs: Floats) -> Floats:

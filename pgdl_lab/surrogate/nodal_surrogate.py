@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.face_mesh import FaceMesh
-from pgdl_lab.surrogate.probe import PolynomialProbe, polynomials
+from pgdl_lab.core.simplices import SimplexMesh
+from pgdl_lab.surrogate.basis import Basis
+from pgdl_lab.surrogate.probe import PolynomialProbe
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES
 from pgdl_lab.surrogate.surrogate import Surrogate
@@ -55,7 +56,7 @@ class NodalSurrogate(Surrogate):
         super().__init__(model, record)
         # sums over arrays in another order would differ in the last bits
         self._state = {name: np.asarray(array, order="C") for name, array in state.items()}
-        self._body = FaceMesh(state["points_mm"], state["triangles"])
+        self._body = SimplexMesh(state["points_mm"], state["triangles"])
 
     def state(self) -> dict[str, NDArray[Any]]:
         return self._state
@@ -71,10 +72,7 @@ class NodalSurrogate(Surrogate):
         if "bar_deviations" not in self._state:
             return None
         corners, weights = self._body.locate(points_mm)
-        low, high = self._state["range_kpa"]
-        degree = len(self._state["amplitudes"])
-        chebyshev = np.array([polynomials((2 * kpa - low - high) / (high - low), degree) for kpa in pressures_kpa])
-        chebyshev = chebyshev.reshape(-1, degree)  # also without any pressure
+        chebyshev = Basis.of([self._state["range_kpa"]], len(self._state["amplitudes"]) - 1)(pressures_kpa)
         roots = np.tensordot(chebyshev, self._state["spread"], axes=(1, 1))  # (P, N, L)
         nodal_mm = np.sqrt((roots**2).sum(axis=2) + self._state["noise_mm"] ** 2)
         if "bar_stretch" in self._state:
@@ -90,7 +88,7 @@ class NodalSurrogate(Surrogate):
                 from pgdl_lab.surrogate.triangulation import Triangulation
             except ModuleNotFoundError:  # a robot without SciPy
                 return None
-            body = Triangulation(self._body.points_mm, self._body.triangles)
+            body = Triangulation(self._body.points_mm, self._body.simplices)
             nodal = np.einsum("pk,nkc->pnc", chebyshev @ self._state["amplitudes"], self._state["modes"])
             more_mm = interpolation_bars(body, nodal, points_mm[between])
             bars_mm[:, between] = np.hypot(bars_mm[:, between], more_mm)

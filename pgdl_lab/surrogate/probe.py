@@ -7,6 +7,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.surrogate.basis import polynomials
+
 Floats = NDArray[np.float64]
 
 STEP = 1e-4  # of a central difference, by the pressure or 1 kPa: error of truncation and of rounding are alike
@@ -71,11 +73,3 @@ class PolynomialProbe(Probe):
         for term in self._terms:
             total = np.einsum("k,kn->n", total, term)
         return total.reshape(self._shape)
-
-
-def polynomials(t: float, count: int) -> list[float]:
-    """The first `count` Chebyshev polynomials at t."""
-    values = [1.0, t]
-    while len(values) < count:
-        values.append(2 * t * values[-1] - values[-2])
-    return values[:count]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.face_mesh import FaceMesh
+from pgdl_lab.core.simplices import SimplexMesh
 from pgdl_lab.surrogate.probe import Probe
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES
@@ -56,7 +56,7 @@ class ProcessSurrogate(Surrogate):
         if len(state["inputs"]) > MOST_POINTS:
             raise ValueError(f"it learnt from {len(state['inputs']):,} points, and {MOST_POINTS:,} are allowed")
         self._state = dict(state)
-        self._body = FaceMesh(state["points_mm"], state["triangles"])
+        self._body = SimplexMesh(state["points_mm"], state["triangles"])
 
     def state(self) -> dict[str, NDArray[Any]]:
         return self._state
@@ -107,7 +107,7 @@ class ProcessProbe(Probe):
         return np.exp(-(offset**2) / 2), offset
 
 
-def interpolated(body: FaceMesh, nodal: Floats, points_mm: Floats) -> Floats:
+def interpolated(body: SimplexMesh, nodal: Floats, points_mm: Floats) -> Floats:
     """Values (m, M) at points (m, 2) [mm] of those at the nodes (N, M)."""
     corners, weights = body.locate(points_mm)
     return np.einsum("nc,ncm->nm", weights, nodal[corners])

@@ -4,38 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.face_mesh import FaceMesh
-
-
-@dataclass(frozen=True)
-class Face:
-    """The side face that a surrogate is a field on.
-
-    Attributes
-    ----------
-    mesh
-        The undeformed face.
-    base
-        (B,) int64, points of the base line, from the root to the tip.
-    """
-
-    mesh: FaceMesh
-    base: NDArray[np.int64]
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """What a file holds of it."""
-        return {**asdict(self.mesh), "base": self.base}
+from pgdl_lab.core.domain import Domain
 
 
 @dataclass(frozen=True)
 class Record:
-    """What a surrogate remembers of its training (JSON types, but for the face).
+    """What a surrogate remembers of its training (JSON types, but for the domain).
 
     Attributes
     ----------
@@ -46,16 +25,21 @@ class Record:
         training.
     history
         Entries of the loss history: "epoch", "seconds", "lr", "raw/<loss>", "weighted/<loss>", "share/<loss>".
-    face
+    domain
         The side face; None if it is not known, so that nobody can tell what lies off the body.
     """
 
     ranges: dict[str, list[float]]
     provenance: dict[str, Any]
     history: list[dict[str, float]] = field(default_factory=list)
-    face: Face | None = field(default=None, compare=False)
+    domain: Domain | None = field(default=None, compare=False)
 
     @property
     def provenance_hash(self) -> str:
         """SHA-256 of the provenance."""
         return hashlib.sha256(json.dumps(self.provenance, sort_keys=True).encode()).hexdigest()
+
+
+def arrays_of(domain: Domain) -> dict[str, NDArray[Any]]:
+    """What the file of a surrogate holds of its side face."""
+    return {"points_mm": domain.points_mm, "triangles": domain.cells, "base": domain.base}

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.heard import WARNINGS
 from pgdl_lab.core.plotting import plot_face
@@ -21,7 +22,7 @@ from pgdl_lab.surrogate.inverse import Answer, Inverse
 from pgdl_lab.surrogate.limits import Limits
 from pgdl_lab.surrogate.probe import Probe
 from pgdl_lab.surrogate.query import points_of, pressures_of
-from pgdl_lab.surrogate.record import Face, Record
+from pgdl_lab.surrogate.record import Record, arrays_of
 from pgdl_lab.surrogate.shapes import Shapes
 
 FORMAT = "pgdl_lab surrogate"
@@ -121,10 +122,10 @@ class Surrogate(ABC):
         InputError
             See `predict`.
         """
-        mesh = self.face.mesh
-        moved_mm = self.predict(mesh.points_mm, float(pressure_kpa))
+        domain = self.domain
+        moved_mm = self.predict(domain.points_mm, float(pressure_kpa))
         title = f"model {self.model['name']} at {pressure_kpa:g} kPa"
-        return plot_face(mesh.points_mm, mesh.triangles, self.face.base, moved_mm, title, axes)
+        return plot_face(domain.points_mm, domain.cells, domain.base, moved_mm, title, axes)
 
     def _repr_html_(self) -> str:
         """The viewer, for notebooks."""
@@ -133,7 +134,7 @@ class Surrogate(ABC):
         return framed(self, f"Surrogate “{self.model['name']}”")
 
     @property
-    def face(self) -> Face:
+    def domain(self) -> Domain:
         """The side face.
 
         Raises
@@ -141,14 +142,14 @@ class Surrogate(ABC):
         InputError
             When it is not known.
         """
-        if self.record.face is None:
+        if self.record.domain is None:
             raise InputError("This surrogate knows no face, as it was not trained by `python -m pgdl_lab`; do that.")
-        return self.record.face
+        return self.record.domain
 
     @property
     def tip_mm(self) -> Floats:
         """The end of the undeformed base line (2,) [mm]."""
-        return self.face.mesh.points_mm[self.face.base[-1]]
+        return self.domain.tip_mm
 
     def predict(self, points_mm: ArrayLike, pressure_kpa: ArrayLike, *, beyond: bool = False) -> Floats:
         """Displacement of points of the undeformed face.
@@ -249,7 +250,7 @@ class Surrogate(ABC):
 
     @cached_property
     def _inverse(self) -> Inverse:
-        return Inverse(self.face, self.probe, self.trained_kpa()[0], self.ranges["pressure_kpa"][1])
+        return Inverse(self.domain, self.probe, self.trained_kpa()[0], self.ranges["pressure_kpa"][1])
 
     def trained_kpa(self) -> tuple[float, float]:
         """Least and greatest pressure that count as trained [kPa]."""
@@ -270,7 +271,7 @@ class Surrogate(ABC):
             "provenance_hash": record.provenance_hash,
             "units": UNITS,
         }
-        archive.write(Path(path), about, state=self.state(), face=record.face.arrays() if record.face else {})
+        archive.write(Path(path), about, state=self.state(), face=arrays_of(record.domain) if record.domain else {})
 
     def _probed(self, points_mm: Floats) -> Probe:
         """The probe of these points, which are checked; that of the last ones is kept."""
@@ -287,11 +288,11 @@ class Surrogate(ABC):
         return self.outside == "ignore" or (self.outside == "warn" and what in self._warned)
 
     def _check_points(self, points_mm: Floats) -> None:
-        face = self.record.face
-        if face is None or self._settled("points") or not len(points_mm):
+        domain = self.record.domain
+        if domain is None or self._settled("points") or not len(points_mm):
             return
-        distance_mm = face.mesh.distance_mm(points_mm, *face.mesh.locate(points_mm))
-        off = np.flatnonzero(distance_mm > face.mesh.tolerance_mm)
+        distance_mm = domain.mesh.distance_mm(points_mm, *domain.locate(points_mm))
+        off = np.flatnonzero(distance_mm > domain.mesh.tolerance_mm)
         if len(off):
             x, z = points_mm[distance_mm.argmax()]
             self._complain(

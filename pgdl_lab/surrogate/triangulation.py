@@ -11,19 +11,19 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import eigsh
 
-from pgdl_lab.core.face_mesh import FaceMesh
+from pgdl_lab.core.simplices import SimplexMesh
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Triangulation(FaceMesh):
-    """A triangulated plane body, see `FaceMesh`, and what models learn on it."""
+class Triangulation(SimplexMesh):
+    """A triangulated plane body, see `SimplexMesh`, and what models learn on it."""
 
     @cached_property
     def _edges(self) -> tuple[Floats, Floats]:
         """Edge vectors opposite to each corner (T, 3, 2) [mm] and signed areas (T,) [mm²]."""
-        corners = self.points_mm[self.triangles]
+        corners = self.points_mm[self.simplices]
         edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
         areas = (edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 2
         return edges, areas
@@ -45,7 +45,7 @@ class Triangulation(FaceMesh):
         edges, areas = self._edges
         size = np.abs(areas)
         local = np.einsum("tai,tbi,t->tab", edges, edges, 1 / (4 * size)), size[:, None, None] / 12 * (np.eye(3) + 1)
-        row, column = np.repeat(self.triangles, 3, axis=1).ravel(), np.tile(self.triangles, 3).ravel()
+        row, column = np.repeat(self.simplices, 3, axis=1).ravel(), np.tile(self.simplices, 3).ravel()
         shape = (len(self.points_mm),) * 2
         stiffness, mass = (sp.csc_matrix((np.ravel(part), (row, column)), shape=shape) for part in local)
         # the shift lies just below the constant's eigenvalue 0, so that the matrix can be factorised
@@ -64,10 +64,10 @@ class Triangulation(FaceMesh):
         """
         edges, areas = self._edges
         gradients = np.stack([-edges[..., 1], edges[..., 0]], axis=-1) / (2 * areas[:, None, None])
-        ends = np.sort(np.concatenate([np.roll(self.triangles, -1 - c, axis=1)[:, :2] for c in range(3)]), axis=1)
+        ends = np.sort(np.concatenate([np.roll(self.simplices, -1 - c, axis=1)[:, :2] for c in range(3)]), axis=1)
         order = np.lexsort(ends.T)
         first = np.flatnonzero((ends[order[1:]] == ends[order[:-1]]).all(axis=1))
-        sides = np.stack([order[first], order[first + 1]], axis=1) % len(self.triangles)  # triangles on both sides
+        sides = np.stack([order[first], order[first + 1]], axis=1) % len(self.simplices)  # triangles on both sides
         along = np.diff(self.points_mm[ends[order[first]]], axis=1)[:, 0]
         length = np.linalg.norm(along, axis=1)
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length[:, None]
@@ -76,7 +76,7 @@ class Triangulation(FaceMesh):
         jump[:, 1] *= -1
         row = np.repeat(np.arange(len(sides)), 6)
         shape = (len(sides), len(self.points_mm))
-        return sp.csr_matrix((jump.ravel(), (row, self.triangles[sides].ravel())), shape=shape)
+        return sp.csr_matrix((jump.ravel(), (row, self.simplices[sides].ravel())), shape=shape)
 
     @cached_property
     def derivatives(self) -> list[sp.csr_matrix]:
@@ -107,7 +107,7 @@ class Triangulation(FaceMesh):
     def _adjacent(self) -> sp.csr_matrix:
         """(N, N), not zero for points that an edge joins and for each with itself."""
         count = len(self.points_mm)
-        pairs = self.triangles[:, [0, 1, 2, 1, 2, 0]].T.ravel(), self.triangles[:, [1, 2, 0, 0, 1, 2]].T.ravel()
+        pairs = self.simplices[:, [0, 1, 2, 1, 2, 0]].T.ravel(), self.simplices[:, [1, 2, 0, 0, 1, 2]].T.ravel()
         joined = sp.csr_matrix((np.ones(len(pairs[0])), pairs), shape=(count, count))
         return joined + sp.identity(count, format="csr")
 

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.domain import Domain
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.probe import Probe
-from pgdl_lab.surrogate.record import Face
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Surrogate(Protocol):
     model: dict[str, Any]
 
     @property
-    def face(self) -> Face: ...
+    def domain(self) -> Domain: ...
     @property
     def ranges(self) -> dict[str, list[float]]: ...
     def probe(self, points_mm: Floats) -> Probe: ...
@@ -40,7 +40,7 @@ class Surrogate(Protocol):
     def allowed_kpa(self) -> tuple[float, float]: ...
 
 
-def page(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> str:
+def page(surrogate: Surrogate, snapshots: Dataset | None, title: str) -> str:
     """The HTML text.
 
     Parameters
@@ -62,7 +62,7 @@ def polynomial(surrogate: Surrogate, high_kpa: float) -> tuple[Floats, float]:
 
     Exact for surrogates that are polynomials in the pressure; networks are interpolated.
     """
-    probe = surrogate.probe(surrogate.face.mesh.points_mm)
+    probe = surrogate.probe(surrogate.domain.points_mm)
     checked = np.random.default_rng(0).uniform(-1, 1, CHECKED)
     truth = probe.values((checked + 1) / 2 * high_kpa)
     coefficients: NDArray[Any] = truth
@@ -70,8 +70,9 @@ def polynomial(surrogate: Surrogate, high_kpa: float) -> tuple[Floats, float]:
     for degree in DEGREES:
         at = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
         values = probe.values((at + 1) / 2 * high_kpa)
-        coefficients = np.linalg.solve(chebvander(at, degree), values.reshape(degree + 1, -1))
-        again = (chebvander(checked, degree) @ coefficients).reshape(truth.shape)
+        basis = Basis.of([(-1.0, 1.0)], degree)
+        coefficients = np.linalg.solve(basis(at), values.reshape(degree + 1, -1))
+        again = (basis(checked) @ coefficients).reshape(truth.shape)
         error_mm = float(np.abs(again - truth).max())
         if error_mm <= CLOSE_MM:
             break
@@ -86,8 +87,8 @@ def framed(surrogate: Surrogate, title: str) -> str:
     )
 
 
-def _content(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> dict[str, Any]:
-    mesh, base = surrogate.face.mesh, surrogate.face.base
+def _content(surrogate: Surrogate, snapshots: Dataset | None, title: str) -> dict[str, Any]:
+    mesh, base = surrogate.domain.mesh, surrogate.domain.base
     kpa, simulated = _shown(surrogate, snapshots)
     coefficients, error_mm = polynomial(surrogate, float(kpa[-1]))
     predicted = surrogate.probe(mesh.points_mm).values(kpa)
@@ -103,7 +104,7 @@ def _content(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> d
         "polynomialErrorMm": error_mm,
         "boundsMm": [places.min(axis=0).tolist(), places.max(axis=0).tolist()],
         "points": _packed(mesh.points_mm, "<f4"),
-        "triangles": _packed(mesh.triangles, "<u4"),
+        "triangles": _packed(mesh.simplices, "<u4"),
         "outline": _packed(mesh.outline[:, :2], "<u4"),
         "base": _packed(base, "<u4"),
         "terms": len(coefficients),
@@ -115,7 +116,7 @@ def _content(surrogate: Surrogate, snapshots: Snapshots | None, title: str) -> d
     }
 
 
-def _shown(surrogate: Surrogate, snapshots: Snapshots | None) -> tuple[Floats, Floats | None]:
+def _shown(surrogate: Surrogate, snapshots: Dataset | None) -> tuple[Floats, Floats | None]:
     """Pressures (S,) [kPa] that the page is made for, and simulated displacements (S, N, 2) at them [mm]."""
     if snapshots is None:
         return np.linspace(0, surrogate.trained_kpa()[1], SHOWN), None

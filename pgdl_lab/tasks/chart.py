@@ -15,8 +15,8 @@ from rich.text import Text
 from pgdl_lab.core import paths
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.studies.chart.bench import Bench
 from pgdl_lab.studies.chart.figure import draw
 from pgdl_lab.studies.chart.methods import FINITE_ELEMENTS, all_points

@@ -11,8 +11,8 @@ from omegaconf import OmegaConf
 from pgdl_lab.core import paths
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.running.experiment import Experiment
 from pgdl_lab.search.best import write_experiment
 from pgdl_lab.studies.choosing.choice import Choice

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgdl_lab import __version__
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe, register
-from pgdl_lab.core.snapshots import Body, Observation, Snapshots
 from pgdl_lab.mechanics.calculix_program import program, version
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
@@ -60,7 +61,7 @@ class Calculix(Fem):
         except InputError:
             return {"calculix": "not installed"}
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         from pgdl_lab.mechanics.calculix import run
         from pgdl_lab.mechanics.finite_strain import Model
 
@@ -75,14 +76,11 @@ class Calculix(Fem):
         equilibria, found = course.pressures_kpa.tolist(), list(course.displacements)
         gives_way = model.gives_way_kpa(equilibria, found)
         lean, crossed = model.lean(equilibria, found, gives_way), model.crossed_kpa(equilibria, found)
-        snapshots = Snapshots(
-            points=face.points,
-            triangles=face.triangles,
-            base=face.base,
-            clamp=face.clamp,
-            pressures_kpa=course.pressures_kpa[1:],
-            displacements=np.array([probe(displacement) for displacement in observed]).reshape(-1, len(face.points), 2),
-            body=Body(*model.cells(), course.pressures_kpa, course.displacements),
+        snapshots = Dataset.path(
+            face.domain,
+            course.pressures_kpa[1:],
+            np.array([probe(displacement) for displacement in observed]).reshape(-1, len(face.domain.points_mm), 2),
+            body=Dataset.path(model.domain(), course.pressures_kpa, course.displacements),
             provenance=self._provenance(finger, model, course)
             | {
                 "sideways_unstable_kpa": gives_way,

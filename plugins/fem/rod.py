@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import register
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
 
@@ -52,7 +53,7 @@ class Rod(Fem):
             if not 0 < getattr(self, name) < np.inf:
                 raise InputError(f"fem.{name} is {getattr(self, name)} mm; it must be above 0.")
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         from pgdl_lab.mechanics.finger_rod import FingerRod
         from pgdl_lab.mechanics.reduced import simulate
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import register
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
 
@@ -57,7 +58,7 @@ class Section(Fem):
         if self.state not in STATES:
             raise InputError(f"fem.state is '{self.state}'; choose one of {', '.join(STATES)}.")
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         from pgdl_lab.mechanics.reduced import simulate
         from pgdl_lab.mechanics.section import STATES, PlaneFinger
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgdl_lab import __version__
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe, register
-from pgdl_lab.core.snapshots import Body, Observation, Snapshots
 from pgdl_lab.mechanics.contact import REACH_MM
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
@@ -74,7 +75,7 @@ class Solid(Fem):
         if self.contact not in CONTACT_MODES:
             raise InputError(f"fem.contact is '{self.contact}'; choose one of {', '.join(CONTACT_MODES)}.")
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         from pgdl_lab.mechanics.elements import ELEMENTS
         from pgdl_lab.mechanics.finite_strain import Model
         from pgdl_lab.mechanics.memory import require
@@ -89,14 +90,13 @@ class Solid(Fem):
         pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
         probe = model.probe(face)
         lean = model.lean(history.branch.parameters, history.branch.displacements, history.sideways_unstable_kpa)
-        snapshots = Snapshots(
-            points=face.points,
-            triangles=face.triangles,
-            base=face.base,
-            clamp=face.clamp,
-            pressures_kpa=pressures,
-            displacements=np.array([probe(history.at(kpa)) for kpa in pressures]).reshape(-1, len(face.points), 2),
-            body=Body(*model.cells(), np.array(history.branch.parameters), np.array(history.branch.displacements)),
+        snapshots = Dataset.path(
+            face.domain,
+            pressures,
+            np.array([probe(history.at(kpa)) for kpa in pressures]).reshape(-1, len(face.domain.points_mm), 2),
+            body=Dataset.path(
+                model.domain(), np.array(history.branch.parameters), np.array(history.branch.displacements)
+            ),
             provenance=self._provenance(finger, model, history)
             | {"sideways_lean": None if lean is None else asdict(lean), "seconds": time.perf_counter() - began},
         )

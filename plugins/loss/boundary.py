@@ -27,7 +27,7 @@ class BoundaryLoss(Loss):
     unit: ClassVar[str] = "mm²"
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        clamped = scene.points_mm[scene.clamp]
+        clamped = scene.domain.points_mm[scene.domain.clamp]
         if not len(clamped):
             raise InputError("Loss boundary needs clamped points, but the snapshots name none; leave it out.")
         return clamped, np.zeros_like(clamped)

@@ -46,11 +46,11 @@ class Body(NeuralModel):
         from pgdl_lab.surrogate.triangulation import Triangulation
 
         scene = training.scene
-        count = min(self.modes, len(scene.points_mm) // 4)
-        modes, eigenvalues = Triangulation(scene.points_mm, scene.triangles).modes(count)
+        count = min(self.modes, len(scene.domain.points_mm) // 4)
+        modes, eigenvalues = Triangulation(scene.domain.points_mm, scene.domain.cells).modes(count)
         field = self._field(
-            torch.from_numpy(scene.points_mm),
-            torch.from_numpy(scene.triangles),
+            torch.from_numpy(scene.domain.points_mm),
+            torch.from_numpy(scene.domain.cells),
             torch.from_numpy(modes),
             torch.from_numpy(eigenvalues),
             torch.tensor([0.0, training.samples.pressures_kpa.max()]),

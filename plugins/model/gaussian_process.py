@@ -70,9 +70,9 @@ class GaussianProcess(Model):
         clock = Clock(training.trainer.max_seconds)
         with threads(training.trainer.threads), warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="sklearn")  # of a search that ends at a bound
-            body = Triangulation(scene.points_mm, scene.triangles)
+            body = Triangulation(scene.domain.points_mm, scene.domain.cells)
             state = fitted(body, training.whole, self.modes, self.points, rng, clock)
-        return self.restore(state, Record(training.whole.ranges(), dict(training.provenance), face=scene.face))
+        return self.restore(state, Record(training.whole.ranges(), dict(training.provenance), domain=scene.kept_domain))
 
     def restore(self, state: Mapping[str, NDArray[np.generic]], record: Record) -> ProcessSurrogate:
         from pgdl_lab.surrogate.process_surrogate import ProcessSurrogate

@@ -97,7 +97,7 @@ class Hybrid(TrainedModel):
         idle = [name for name, loss in training.losses.items() if name not in known and loss.weight > 0]
         also = f" Loss {', '.join(idle)} trains nothing then: leave it out or choose model=body." if idle else ""
         _log.log(logging.WARNING if idle else logging.INFO, "Model hybrid: pod alone answers, as %s.%s", reason, also)
-        record = Record({}, dict(training.provenance), face=training.scene.face)
+        record = Record({}, dict(training.provenance), domain=training.scene.kept_domain)
         return replace(self, guide="none")._with_closed_form(None, training, record, clock.seconds)
 
     def _alone(self, training: Training) -> str:
@@ -132,8 +132,8 @@ class Hybrid(TrainedModel):
 
         scene, samples = training.scene, training.samples
         field = GuidedField(
-            torch.from_numpy(scene.points_mm),
-            torch.from_numpy(scene.triangles),
+            torch.from_numpy(scene.domain.points_mm),
+            torch.from_numpy(scene.domain.cells),
             torch.from_numpy(self._guide(training)),
             torch.tensor([0.0, training.whole.pressures_kpa.max()], dtype=torch.double),
             fully_connected(1, MOTIONS * (self.correction_degree + 1), self.depth, self.width, self.activation),

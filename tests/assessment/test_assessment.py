@@ -18,6 +18,7 @@ from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.paper import PUBLISHED, Published, comparable, published
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.assessment.yardstick import measure
+from pgdl_lab.core.dataset import DISPLACEMENT
 from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.surrogate.curvature import mean_curvature_per_m, rms_distance_mm
@@ -102,7 +103,7 @@ def test_points_that_a_search_selects_by_are_not_tested_on() -> None:
 
 def test_lengths_of_the_error_are_counted_over_unseen_points_and_at_the_tip() -> None:
     data = small()
-    nodes, tip, off = len(data.points), data.base[-1], np.zeros_like(data.displacements)
+    nodes, tip, off = len(data.domain.points_mm), data.domain.base[-1], np.zeros_like(data.displacements)
     off[..., 1] = 4.0
     off[:2, :, 0], off[2] = 100.0, [3.0, 0.0]  # two snapshots are trained on, a third is off by 3 along x
     off[:, tip] = [-6.0, 8.0]
@@ -114,13 +115,13 @@ def test_lengths_of_the_error_are_counted_over_unseen_points_and_at_the_tip() ->
     assert found["largest_mm"] == pytest.approx(13) and found["tip_mm"] == pytest.approx(10)
     moved = max(np.hypot(*u[tip]) for u in data.displacements)
     assert found["tip_percent"] == pytest.approx(1000 / moved)
-    still = replace(data, displacements=np.zeros_like(data.displacements))
+    still = replace(data, fields={DISPLACEMENT: np.zeros_like(data.displacements)})
     assert Comparison(still, off, NONE).error()["tip_percent"] is None
 
 
 def test_bars_are_judged_by_the_unseen_points_they_cover() -> None:
     data = small()
-    nodes = len(data.points)
+    nodes = len(data.domain.points_mm)
     predicted = data.displacements + [0.3, -0.1]
     bars = np.full(predicted.shape[:2], 0.2)
     bars[:5], bars[5, : nodes // 2], bars[5, nodes // 2 :] = 9.0, 0.05, 0.4
@@ -142,7 +143,7 @@ def test_errors_by_pressure_and_extremes_are_told_by_component() -> None:
     off = np.zeros_like(data.displacements)
     off[3, ::2], off[3, 1::2] = [1.0, -3.0], [-1.0, 2.0]
     comparison = Comparison(data, data.displacements + off, NONE)
-    row, share = comparison.by_pressure()[3], len(data.points[::2]) / len(data.points)
+    row, share = comparison.by_pressure()[3], len(data.domain.points_mm[::2]) / len(data.domain.points_mm)
     assert [row["mse_x_mm2"], row["mse_z_mm2"]] == pytest.approx([1.0, 9 * share + 4 * (1 - share)])
     assert row["max_abs_mm"] == pytest.approx(3) and row["kpa"] == data.pressures_kpa[3]
     shifted = Comparison(data, data.displacements + [0.3, -0.1], NONE).extremes_mm()
@@ -152,9 +153,9 @@ def test_errors_by_pressure_and_extremes_are_told_by_component() -> None:
         assert shifted["surrogate"][axis] == pytest.approx([least + (0.3, -0.1)[i], greatest + (0.3, -0.1)[i]])
 
 
-def test_snapshots_without_training_points_are_unseen() -> None:
+def test_dataset_without_training_points_are_unseen() -> None:
     data = small()
-    nodes = len(data.points)
+    nodes = len(data.domain.points_mm)
     rows = Comparison(data, data.displacements, np.arange(3 * nodes, 5 * nodes)).by_pressure()
     assert [i for i, row in enumerate(rows) if row["seen"]] == [3, 4]
     assert rows[3]["mse_x_mm2"] == 0  # trained on as a whole: judged on its training points
@@ -179,7 +180,7 @@ def test_assessment_writes_all_it_promises(split: str, tmp_path: Path) -> None:
     assert metrics["surrogate_error"]["largest_mm"] == pytest.approx(np.hypot(0.3, 0.1))
     assert metrics["discretisation_error"] is None and metrics["warnings"] == []
     parts = [metrics[f"{part}_points"] for part in ("train", "selection", "test")]
-    assert metrics["points"] == sum(parts) == 20 * len(data.points) and parts[1] == len(selection)
+    assert metrics["points"] == sum(parts) == 20 * len(data.domain.points_mm) and parts[1] == len(selection)
     assert metrics["selection_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
     assert set(metrics["seconds"]) == {"simulate", "simulate_cached", "train", "assess"}
     assert metrics["mse_mm2"] == pytest.approx({"x": 0.09, "z": 0.01})
@@ -222,11 +223,11 @@ def test_the_error_of_the_mesh_stands_beside_that_of_the_surrogate_whatever_its_
 def test_the_error_of_the_tip_is_that_of_its_length() -> None:
     data = small()
     predicted = data.displacements.copy()
-    predicted[3, data.base[-1]] += [3.0, 4.0]
+    predicted[3, data.domain.base[-1]] += [3.0, 4.0]
     found = Comparison(data, predicted, np.arange(3)).error()
-    moved = np.linalg.norm(data.displacements[:, data.base[-1]], axis=1).max()
+    moved = np.linalg.norm(data.displacements[:, data.domain.base[-1]], axis=1).max()
     assert (found["tip_mm"], found["largest_mm"], found["tip_percent"]) == pytest.approx((5.0, 5.0, 500 / moved))
-    still = replace(data, displacements=np.zeros_like(data.displacements))
+    still = replace(data, fields={DISPLACEMENT: np.zeros_like(data.displacements)})
     assert Comparison(still, predicted, np.arange(3)).error()["tip_percent"] is None
 
 

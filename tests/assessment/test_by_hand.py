@@ -10,6 +10,7 @@ import torch
 
 from pgdl_lab.assessment import latency
 from pgdl_lab.assessment.comparison import Comparison
+from pgdl_lab.core.dataset import DISPLACEMENT
 from pgdl_lab.surrogate.curvature import mean_curvature_per_m
 from tests.trainings import small
 
@@ -64,23 +65,23 @@ def test_the_field_and_the_tip_are_asked_on_one_thread_and_on_all(monkeypatch: p
 def test_curvatures_are_those_of_simulation_and_surrogate() -> None:
     """A base line bent to arcs of 50 mm and of 200 mm, the second downwards, of the same length."""
     data = small()
-    length = np.linalg.norm(np.diff(data.points[data.base], axis=0), axis=1)
+    length = np.linalg.norm(np.diff(data.domain.points_mm[data.domain.base], axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(length)])
 
     def bent(radius_mm: float) -> np.ndarray:
         turn = arc / radius_mm
         line = radius_mm * np.stack([np.sin(turn), 1 - np.cos(turn)], axis=1)
         moved = np.zeros_like(data.displacements)
-        moved[:, data.base] = line - data.points[data.base]
+        moved[:, data.domain.base] = line - data.domain.points_mm[data.domain.base]
         return moved
 
     upwards, downwards = bent(50.0), bent(-200.0)
-    rows = Comparison(replace(data, displacements=upwards), downwards, np.arange(3)).curvature()
+    rows = Comparison(replace(data, fields={DISPLACEMENT: upwards}), downwards, np.arange(3)).curvature()
     assert [row["kpa"] for row in rows] == data.pressures_kpa.tolist()
     # the points are chords of the arcs, up to 2.5 mm long
     assert rows[4]["fem_per_m"] == pytest.approx(20.0, rel=1e-3)
     assert rows[4]["surrogate_per_m"] == pytest.approx(-5.0, rel=1e-3)
-    apart = np.linalg.norm((upwards - downwards)[0, data.base], axis=1)
+    apart = np.linalg.norm((upwards - downwards)[0, data.domain.base], axis=1)
     assert rows[4]["rms_distance_mm"] == pytest.approx(np.sqrt((apart**2).mean()))
 
 

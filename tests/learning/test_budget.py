@@ -47,7 +47,7 @@ def test_a_budget_that_is_spent_at_once_leaves_little_to_do(
     how = training(tmp_path, {"data": {}}, max_time="1", max_epochs=10**6)
     surrogate = plugin("model", name)(**QUICK.get(name, {})).fit(how)
     assert done["fits"] <= 3 and done["steps"] <= 1
-    point = small().points[:5], 30.0
+    point = small().domain.points_mm[:5], 30.0
     assert np.isfinite(surrogate.predict(*point)).all()
     if done["fits"]:
         assert surrogate.error_bar(*point) is None and "no time to calibrate error bars" in caplog.text

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pgdl_lab.core.domain import NONE, Domain
 from pgdl_lab.learning import left_out
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.left_out import FEW, PARTS, bars_left_out, scores_left_out
@@ -18,11 +19,11 @@ from tests.trainings import TRAIN, small, training
 
 def test_samples_are_points_of_snapshots() -> None:
     data = small()
-    nodes = len(data.points)
+    nodes = len(data.domain.points_mm)
     chosen = np.array([3 * nodes + 7, 0, 19 * nodes + nodes - 1])
     samples = Samples.of(data, chosen)
     for i, (snapshot, node) in enumerate([(3, 7), (0, 0), (19, nodes - 1)]):
-        assert np.array_equal(samples.points_mm[i], data.points[node])
+        assert np.array_equal(samples.points_mm[i], data.domain.points_mm[node])
         assert samples.pressures_kpa[i] == data.pressures_kpa[snapshot]
         assert np.array_equal(samples.displacements_mm[i], data.displacements[snapshot, node])
     assert samples.ranges()["pressure_kpa"] == [2.5, 50.0]
@@ -36,17 +37,17 @@ def test_samples_are_points_of_snapshots() -> None:
 def test_the_scene_of_a_finger_weighs_what_the_finger_does() -> None:
     data, finger = small(), pneunet(gravity_m_s2=[1.0, 2.0, -9.0])
     scene = Scene.of(finger, data)
-    assert scene.max_kpa == 50 and scene.finger is finger and scene.base is data.base
+    assert scene.max_kpa == 50 and scene.finger is finger and scene.domain.base is data.domain.base
     assert np.array(scene.body_force_n_mm3) == pytest.approx(finger.body_force_n_mm3[[0, 2]])
     assert scene.body_force_n_mm3[1] == pytest.approx(-9 * scene.body_force_n_mm3[0]) and scene.body_force_n_mm3[0] > 0
-    assert scene.face is not None and replace(scene, base=None).face is None
+    assert scene.kept_domain is not None and replace(scene, domain=replace(scene.domain, base=NONE)).kept_domain is None
 
 
 @pytest.mark.parametrize("flipped", [False, True])
 def test_the_outline_of_a_square_looks_outwards(flipped: bool) -> None:
     points = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 2.0], [4.0, 2.0]])
     triangles = np.array([[0, 1, 3], [0, 3, 2]])[:, :: -1 if flipped else 1]
-    scene = Scene(points, triangles, np.array([0, 2]), 50.0, 10.0, 0.5, (0.0, 0.0))
+    scene = Scene(Domain(points, triangles, clamp=np.array([0, 2])), 50.0, 10.0, 0.5, (0.0, 0.0))
     found = {tuple(middle): tuple(normal) for middle, normal in zip(*scene.outline, strict=True)}
     assert found == {(2.0, 0.0): (0.0, -1.0), (2.0, 2.0): (0.0, 1.0), (4.0, 1.0): (1.0, 0.0)}
 

@@ -52,7 +52,7 @@ def test_body_learns_what_the_plane_hides(tmp_path: Path) -> None:
     mse = {}
     for name, model in (("mlp", mlp(width=32)), ("body", body(modes=64, width=32))):
         trained = model.fit(training(tmp_path / name, {"data": {}}, max_epochs=60, batch_size=128))
-        error = trained.predict(data.points, data.pressures_kpa) - data.displacements
+        error = trained.predict(data.domain.points_mm, data.pressures_kpa) - data.displacements
         mse[name] = (error.reshape(-1, 2)[unseen] ** 2).mean()
     assert mse["body"] < 0.2 and mse["body"] < mse["mlp"] / 10
 

@@ -28,7 +28,7 @@ QUICK: dict[str, dict[str, Any]] = {
 def without(low: float, high: float) -> np.ndarray:
     """Indices of training points, none of which lies between these parts of the length."""
     data = small()
-    share = np.tile(data.points[:, 0] / data.points[:, 0].max(), len(data.pressures_kpa))[TRAIN]
+    share = np.tile(data.domain.points_mm[:, 0] / data.domain.points_mm[:, 0].max(), len(data.pressures_kpa))[TRAIN]
     return TRAIN[(share < low) | (share >= high)][::3]
 
 
@@ -91,18 +91,18 @@ def test_bars_are_wider_in_the_gap_alone_and_so_from_every_file(name: str, tmp_p
     how = training(tmp_path, {"data": {}}, samples=Samples.of(data, without(low, high)), max_epochs=2)
     model = plugin("model", name)(**QUICK[name])
     surrogate = model.fit(how)
-    bars = surrogate.error_bar(data.points, data.pressures_kpa)
+    bars = surrogate.error_bar(data.domain.points_mm, data.pressures_kpa)
     state = {key: array for key, array in surrogate.state().items() if not key.endswith("stretch")}
     assert bars is not None and len(state) == len(surrogate.state()) - 1
-    wider = bars / model.restore(state, surrogate.record).error_bar(data.points, data.pressures_kpa)
-    share = data.points[:, 0] / data.points[:, 0].max()
+    wider = bars / model.restore(state, surrogate.record).error_bar(data.domain.points_mm, data.pressures_kpa)
+    share = data.domain.points_mm[:, 0] / data.domain.points_mm[:, 0].max()
     assert wider[:, (share > low + 0.05) & (share < high - 0.05)] == pytest.approx(3.0)
     assert np.median(wider[:, (share < low) | (share > high)], axis=1) == pytest.approx(1.0)
     surrogate.save(tmp_path / "surrogate.pt")
     again = pgdl_lab.load(tmp_path / "surrogate.pt")
-    assert np.array_equal(again.error_bar(data.points, data.pressures_kpa), bars)
+    assert np.array_equal(again.error_bar(data.domain.points_mm, data.pressures_kpa), bars)
     numpy_form.write(surrogate, tmp_path / "surrogate.npz")
-    plain = pgdl_lab.load(tmp_path / "surrogate.npz").error_bar(data.points, data.pressures_kpa)
+    plain = pgdl_lab.load(tmp_path / "surrogate.npz").error_bar(data.domain.points_mm, data.pressures_kpa)
     assert plain == pytest.approx(bars, rel=1e-3)
 
 

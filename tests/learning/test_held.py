@@ -33,8 +33,8 @@ def few(folder: Path, count: int, seed: int, **changes: Any) -> Training:
 def covered(surrogate: Any) -> float:
     """Share of the errors at all points, few of which were trained on, that the error bars cover."""
     data = small()
-    error = np.abs(surrogate.predict(data.points, data.pressures_kpa) - data.displacements)
-    bars = surrogate.error_bar(data.points, data.pressures_kpa)
+    error = np.abs(surrogate.predict(data.domain.points_mm, data.pressures_kpa) - data.displacements)
+    bars = surrogate.error_bar(data.domain.points_mm, data.pressures_kpa)
     return float((error <= bars[..., None]).mean())
 
 
@@ -56,7 +56,9 @@ def test_nothing_that_a_network_begins_with_depends_on_points_set_aside(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # of a finger that is not known; what guides it knows no data
-    monkeypatch.setattr("pgdl_lab.learning.guide.guide", lambda scene, *_: np.zeros((len(scene.points_mm), 4, 2)))
+    monkeypatch.setattr(
+        "pgdl_lab.learning.guide.guide", lambda scene, *_: np.zeros((len(scene.domain.points_mm), 4, 2))
+    )
     how = training(tmp_path, {"data": {}, "boundary": {}})
     wrong = replace(how.held, displacements_mm=1e3 + how.held.displacements_mm)
     begun = []

@@ -54,7 +54,7 @@ def test_bars_of_a_quadratic_are_its_errors(curved: tuple[float, float, float]) 
     grid, (a, b, c) = rectangle(), curved
     inside = ((grid.points_mm > 0) & (grid.points_mm < [2, 1])).all(axis=1)
     shift = np.random.default_rng(1).uniform(-0.008, 0.008, grid.points_mm.shape)  # mm, of cells of 0.083 by 0.042
-    body = Triangulation(grid.points_mm + inside[:, None] * shift, grid.triangles)  # no edge along x or z
+    body = Triangulation(grid.points_mm + inside[:, None] * shift, grid.simplices)  # no edge along x or z
 
     def field(points: np.ndarray) -> np.ndarray:
         x, z = points.T

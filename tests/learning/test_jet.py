@@ -190,7 +190,7 @@ def test_a_compiled_training_gives_the_same_field(tmp_path: Path) -> None:
         settings = replace(given.trainer, compile=compiled, max_epochs=2, max_time="10:00:00", validation=0.2)
         model = plugin("model", "mlp")(depth=2, width=8, activation="tanh", dtype="float64")
         fields.append(model.fit(replace(given, trainer=settings)))
-    points = fields[0].face.mesh.points_mm
+    points = fields[0].domain.points_mm
     plain, fused = (field.predict(points, [10.0, 50.0]) for field in fields)
     assert np.allclose(plain, fused, atol=1e-9, rtol=1e-9)
     assert fields[1].record.history[-1]["raw/navier_cauchy"] == pytest.approx(

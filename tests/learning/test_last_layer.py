@@ -174,11 +174,13 @@ def test_bars_come_back_from_a_state_or_not_at_all() -> None:
 def test_bars_of_networks_cover_the_unseen_points(name: str, validation: float, tmp_path: Path) -> None:
     how = training(tmp_path, {"data": {}}, max_epochs=40, validation=validation)
     surrogate, data = plugin("model", name)(depth=2, width=16).fit(how), small()
-    error = np.abs(surrogate.predict(data.points, data.pressures_kpa) - data.displacements)
-    bars = surrogate.error_bar(data.points, data.pressures_kpa)
+    error = np.abs(surrogate.predict(data.domain.points_mm, data.pressures_kpa) - data.displacements)
+    bars = surrogate.error_bar(data.domain.points_mm, data.pressures_kpa)
     covered = (error <= bars[..., None]).reshape(-1, 2)
     assert 0.9 < np.delete(covered, TRAIN, axis=0).mean() < 0.99
-    assert np.median(surrogate.error_bar(data.points, 60.0)) > np.median(surrogate.error_bar(data.points, 50.0))
+    assert np.median(surrogate.error_bar(data.domain.points_mm, 60.0)) > np.median(
+        surrogate.error_bar(data.domain.points_mm, 50.0)
+    )
 
 
 def test_a_network_stored_without_bars_has_none(tmp_path: Path) -> None:
@@ -192,7 +194,7 @@ def test_features_and_the_last_layer_give_the_field(tmp_path: Path) -> None:
     for name in ("mlp", "body"):
         field = plugin("model", name)(depth=2, width=8, dtype="float64").new_field(training(tmp_path, {"data": {}}))
         torch.nn.init.normal_((field.deep if name == "body" else field.layers[:-1])[-1].weight)
-        coordinates, kpa = field.coordinates(small().points[::9], 0), torch.tensor(30.0, dtype=torch.double)
+        coordinates, kpa = field.coordinates(small().domain.points_mm[::9], 0), torch.tensor(30.0, dtype=torch.double)
         kpa = kpa.expand(coordinates.shape[1])
         with torch.no_grad():
             place, pressure = field.features(coordinates, kpa)

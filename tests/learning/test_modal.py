@@ -20,7 +20,9 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def test_starts_from_the_least_squares_fit(field: Any) -> None:
     data = small()
     with torch.no_grad():
-        start = field.displacements(field.coordinates(data.points, 0), torch.from_numpy(data.pressures_kpa)).numpy()
+        start = field.displacements(
+            field.coordinates(data.domain.points_mm, 0), torch.from_numpy(data.pressures_kpa)
+        ).numpy()
     spread = (data.displacements - data.displacements.mean(axis=1, keepdims=True)) ** 2
     assert ((start - data.displacements) ** 2).mean() < 0.01 * spread.mean()
 
@@ -33,10 +35,10 @@ def test_polynomials_are_chebyshevs_and_go_on_beyond_the_range(field: Any) -> No
 
 def test_coordinates_hold_the_modes_and_their_derivatives(field: Any) -> None:
     data = small()
-    rows = field.coordinates(data.points, 2).numpy()
+    rows = field.coordinates(data.domain.points_mm, 2).numpy()
     modes = field.modes.numpy()
     assert rows[0] == pytest.approx(modes)
-    for row, matrix in zip(rows[1:], Triangulation(data.points, data.triangles).derivatives, strict=True):
+    for row, matrix in zip(rows[1:], Triangulation(data.domain.points_mm, data.domain.cells).derivatives, strict=True):
         assert row == pytest.approx(matrix @ modes)
 
 
@@ -45,7 +47,10 @@ def test_jet_follows_the_chain_rule_through_the_modes(field: Any) -> None:
     torch.manual_seed(0)
     for weight in field.deep.parameters():
         torch.nn.init.normal_(weight, std=0.3)
-    rows, kpa = field.coordinates(small().points[:5], 2), torch.tensor([5.0, 10, 20, 30, 50], dtype=torch.double)
+    rows, kpa = (
+        field.coordinates(small().domain.points_mm[:5], 2),
+        torch.tensor([5.0, 10, 20, 30, 50], dtype=torch.double),
+    )
     step = 1e-4
 
     def along(a: float, b: float) -> torch.Tensor:

@@ -43,7 +43,7 @@ class Physics(PhysicsLoss, Watched):
 @dataclass(frozen=True)
 class Own(Watched):
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return scene.points_mm, np.zeros_like(scene.points_mm)
+        return scene.domain.points_mm, np.zeros_like(scene.domain.points_mm)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def new_field(name: str, folder: Path, **fields: Any) -> Any:
 
 def test_the_last_layer_of_a_field_on_modes_weighs_products_of_its_features(tmp_path: Path) -> None:
     field = new_field("body", tmp_path, modes=16, degree=3)
-    coordinates = field.coordinates(small().points[:5], 0)
+    coordinates = field.coordinates(small().domain.points_mm[:5], 0)
     with torch.no_grad():
         first, second = (part.numpy() for part in field.features(coordinates, KPA))
         beside, whole = field.beside(coordinates, KPA).numpy(), field(coordinates, KPA).numpy()
@@ -45,7 +45,7 @@ def test_the_last_layer_of_a_field_on_modes_weighs_products_of_its_features(tmp_
 
 def test_the_last_layer_of_a_network_weighs_what_comes_before_the_scale(tmp_path: Path) -> None:
     field = new_field("mlp", tmp_path)
-    coordinates = field.coordinates(small().points[:5], 1)
+    coordinates = field.coordinates(small().domain.points_mm[:5], 1)
     with torch.no_grad():
         first, second = (part.numpy() for part in field.features(coordinates, KPA))
         whole, apart = field(coordinates, KPA).numpy(), field.displacements(coordinates[:1], KPA).numpy()
@@ -62,7 +62,7 @@ def test_a_field_on_modes_starts_from_the_ridge_regression_of_its_samples(tmp_pa
     """Mode m in the k-th polynomial costs 1e-2 ((λ_m/λ_max)² + 1e-6) 256^k a sample: as rows below the samples'."""
     given = training(tmp_path, {"data": {}})
     field = plugin("model", "body")(depth=1, width=6, dtype="float64", modes=12, degree=2).new_field(given)
-    body = Triangulation(given.scene.points_mm, given.scene.triangles)
+    body = Triangulation(given.scene.domain.points_mm, given.scene.domain.cells)
     modes, eigenvalues = body.modes(12)
     samples = given.samples
     at_samples = modes[[np.flatnonzero((body.points_mm == point).all(axis=1))[0] for point in samples.points_mm]]

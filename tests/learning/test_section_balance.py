@@ -5,6 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.jet import Jet
@@ -84,8 +85,10 @@ def test_the_sections_own_equilibrium_has_almost_no_residual() -> None:
     assert u.abs().max() > 0.05
     assert balance.mean_square_strain(balance.forces(u, pressure)) < 1e-20
     assert balance.mean_square_strain(balance.forces(0.5 * u, pressure)) > 1e-8
-    loss, nothing = plugin("loss", "equilibrium")(state="plane_stress"), np.empty((0, 2))
-    scene = Scene(nothing, nothing, nothing, 20.0, 10.0, 0.5, (0.0, 0.0), pneunet(chambers=1))
+    loss = plugin("loss", "equilibrium")(state="plane_stress")
+    scene = Scene(
+        Domain(np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)), 20.0, 10.0, 0.5, (0.0, 0.0), pneunet(chambers=1)
+    )
     assert np.array_equal(loss.own_points(scene)[0], balance.points_mm)
     for kpa, in_balance in ((20.0, True), (20.1, False)):
         jet = Jet(u[None], torch.full((len(u),), kpa, dtype=torch.double))

@@ -11,7 +11,8 @@ from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.compression import compressed
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.pod import decompose, known
-from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression, chebyshev
+from pgdl_lab.learning.separable import Posterior, Prior, SeparableRegression
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.learning.test_triangulation import rectangle
 
@@ -30,7 +31,7 @@ def drawn(body: Triangulation, count: int, seed: int) -> tuple[SeparableRegressi
     field = np.zeros((nodes, 3, 2))
     field[free] = np.einsum("nm,mkc,lk->nlc", root, rng.normal(size=(len(free), 3, 2)), PRIOR.amplitudes)
     node, kpa = rng.integers(nodes, size=count), rng.uniform(0, 50, count)
-    values = np.einsum("nk,nkc->nc", chebyshev(kpa, RANGE_KPA, 2), field[node])
+    values = np.einsum("nk,nkc->nc", Basis.of([RANGE_KPA], 2)(kpa), field[node])
     values += PRIOR.noise_mm * rng.normal(size=values.shape)
     return SeparableRegression(body, clamp, Samples(body.points_mm[node], kpa, values), RANGE_KPA, 2), field
 
@@ -101,7 +102,7 @@ def test_bars_cover_what_they_promise() -> None:
     assert kpa[0] == 0 and kpa[1] == regression.samples.pressures_kpa.max() and kpa[2] > kpa[1]
     # the data are of the model's own making: nearly 1.96 deviations, known from 150 samples
     assert deviations[:2] == pytest.approx([1.96, 1.96], rel=0.25) and deviations[2] >= deviations[1]
-    polynomials = chebyshev(np.linspace(0, 50, 11), RANGE_KPA, 2)
+    polynomials = Basis.of([RANGE_KPA], 2)(np.linspace(0, 50, 11))
     error = np.einsum("pk,nkc->pnc", polynomials, coefficients(posterior) - field)[:, regression.free]
     spread = np.einsum("pk,kl,nls->pns", polynomials, PRIOR.amplitudes, posterior.draws)[:, regression.free]
     covered = np.abs(error) < 1.96 * np.sqrt((spread**2).mean(axis=2))[..., None]
@@ -121,14 +122,14 @@ def test_polynomials_beyond_the_trained_pressures_go_on() -> None:
     trained = np.array([0.0, 44.0])
     regression = SeparableRegression(body, np.flatnonzero(body.points_mm[:, 0] == 0), samples, trained, 5)
     posterior = regression.posterior(regression.first_prior(), 0, np.random.default_rng(0))
-    top = np.einsum("k,nkc->nc", chebyshev(np.array([50.0]), trained, 5)[0], coefficients(posterior))
+    top = np.einsum("k,nkc->nc", Basis.of([trained], 5)(np.array([50.0]))[0], coefficients(posterior))
     assert np.abs(top - truth(body.points_mm, np.full(len(top), 50.0))).max() < 1e-2
 
 
 def test_what_is_assumed_at_first_scales_with_the_field_and_the_body() -> None:
     body, (regression, _) = rectangle(4), drawn(rectangle(4), 50, seed=0)
     clamp = np.setdiff1d(np.arange(regression.nodes), regression.free)
-    larger = Triangulation(3 * body.points_mm, body.triangles)
+    larger = Triangulation(3 * body.points_mm, body.simplices)
     samples = regression.samples
     samples = Samples(3 * samples.points_mm, samples.pressures_kpa, 5 * samples.displacements_mm)
     one, other = regression.first_prior(), SeparableRegression(larger, clamp, samples, RANGE_KPA, 2).first_prior()
@@ -189,7 +190,7 @@ def test_as_many_modes_are_kept_as_a_singular_value_decomposition_needs(
     arrays = {"modes": modes, "amplitudes": sizes, "spread": spread, "noise_mm": np.array(noise_mm)}
     state = {name: torch.from_numpy(array) for name, array in {**arrays, "range_kpa": RANGE_KPA}.items()}
     few = compressed(state if bars is None else {**state, "bar_deviations": torch.tensor(bars)})
-    polynomials = chebyshev(kpa, RANGE_KPA, 5)
+    polynomials = Basis.of([RANGE_KPA], 5)(kpa)
     field = np.einsum("pd,dk,nkc->pnc", polynomials, sizes, modes).reshape(400, -1)
     near = np.einsum("pd,dk,nkc->pnc", polynomials, few["amplitudes"].numpy(), few["modes"].numpy()).reshape(400, -1)
     singular = np.linalg.svd(field, compute_uv=False)
@@ -210,7 +211,7 @@ def test_points_that_never_move_are_refused() -> None:
 
 def test_polynomials_span_the_range_of_pressures_wherever_it_begins() -> None:
     """T₁ is −1 at its lower end, 0 in its middle and 1 at its upper end, and T₂ = 2 T₁² − 1."""
-    found = chebyshev(np.array([10.0, 20.0, 30.0, 40.0]), np.array([10.0, 30.0]), 2)
+    found = Basis.of([np.array([10.0, 30.0])], 2)(np.array([10.0, 20.0, 30.0, 40.0]))
     np.testing.assert_allclose(found, [[1, -1, 1], [1, 0, -1], [1, 1, 1], [1, 2, 7]])
 
 
@@ -276,7 +277,7 @@ def test_one_mode_is_kept_of_a_field_below_the_noise() -> None:
 def test_narrow_bars_ask_for_a_field_as_much_nearer(bars: float, count: int) -> None:
     """What is left out may be 1 mm where bars are those of a normal distribution, half of it where they are half."""
     kpa = np.linspace(0, 1.25 * 50, 20)
-    t = chebyshev(kpa, RANGE_KPA, 1)[:, 1]
+    t = Basis.of([RANGE_KPA], 1)(kpa)[:, 1]
     modes = np.zeros((2, 2, 2))
     modes[0, 0] = modes[1, 1] = 1.0  # the first moves one node by 5 mm, the second the other without a mean
     second_mm = 0.6 / np.sqrt(((t - t.mean()) ** 2).mean() / 2)  # 0.6 mm as a root mean square of both nodes

@@ -62,7 +62,8 @@ def test_more_triangles_keep_them_apart() -> None:
     assert contact.follow_more_finely() and not contact.active
     assert contact.gap_mm(near) < REACH_MM and contact.near(deep)
     assert any(pairs.penetrates(deep) for pairs in contact._pairs)
-    assert not contact.follow_more_finely()  # 12 triangles on the end of the slot, a millimetre wide, are too small
+    assert contact.follow_more_finely() and not contact.follow_more_finely()
+    assert contact._divisions == 9  # with 10 on the end of the slot, a millimetre wide, they are within twice the reach
 
 
 def test_a_simulation_starts_again_with_more_triangles(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -138,18 +138,18 @@ def test_boundaries_hold_all_their_facets(edge_mm: float) -> None:
 @pytest.mark.parametrize("count", [800, 1001, 4439])
 def test_face_has_the_points_asked_for_and_covers_the_side(count: int) -> None:
     face = pneunet().face(count)
-    assert face.points.shape == (count, 2)
-    assert np.unique(face.points, axis=0).shape == (count, 2)
-    assert area(face.points, face.triangles) == pytest.approx(2 * 10.5 * 17 + 8, rel=1e-9)
+    assert face.domain.points_mm.shape == (count, 2)
+    assert np.unique(face.domain.points_mm, axis=0).shape == (count, 2)
+    assert area(face.domain.points_mm, face.domain.cells) == pytest.approx(2 * 10.5 * 17 + 8, rel=1e-9)
     assert face.y_mm == 8.0
 
 
 def test_base_line_runs_from_the_clamp_to_the_tip() -> None:
     face = pneunet().face(1000)
-    base = face.points[face.base]
+    base = face.domain.points_mm[face.domain.base]
     assert (np.diff(base[:, 0]) > 0).all()
     np.testing.assert_allclose(base[[0, -1]], [[0, 0], [22, 0]])
-    np.testing.assert_allclose(face.points[face.clamp, 0], 0)
+    np.testing.assert_allclose(face.domain.points_mm[face.domain.clamp, 0], 0)
 
 
 def test_too_few_points_for_the_outline() -> None:

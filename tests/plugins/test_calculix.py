@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pgdl_lab.core import registry
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError, LabError
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.calculix import Increment, read_displacements, read_increments
 from pgdl_lab.mechanics.calculix_deck import FACES, deck
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
@@ -51,11 +52,11 @@ class TestDeck:
         rows = cards["*ELEMENT,TYPE=C3D20R,ELSET=BODY"]
         elements = np.array([first + second for first, second in zip(rows[::2], rows[1::2], strict=True)], dtype=int)
         assert elements.shape == (57, 21)
-        np.testing.assert_array_equal(elements[:, 1:] - 1, model.cells()[1])
+        np.testing.assert_array_equal(elements[:, 1:] - 1, model.domain().cells)
 
     def test_presses_on_the_cavity_walls(self) -> None:
         model, cards = sections(pneunet())
-        cells, positions = model.cells()[1], model.discretisation.positions
+        cells, positions = model.domain().cells, model.discretisation.positions
         pressed = [(int(element) - 1, int(face[1]) - 1) for element, face, _ in cards["*DLOAD"][1:]]
         middles = [positions[cells[element][FACES[face]]].mean(axis=0) for element, face in pressed]
         walls = model.mesh.p[:, model.mesh.facets[:, model.mesh.boundaries["cavity"]]].mean(axis=1).T
@@ -216,17 +217,17 @@ def test_a_small_gap_does_not_matter_to_a_program_without_contact() -> None:
 
 
 @pytest.fixture(scope="module")
-def snapshots(ccx: None) -> Snapshots:
+def snapshots(ccx: None) -> Dataset:
     return calculix().simulate(pneunet(), OBSERVATION)
 
 
 @needs_ccx
 class TestAgainstTheSolid:
-    def test_agree_under_pressure(self, snapshots: Snapshots) -> None:
+    def test_agree_under_pressure(self, snapshots: Dataset) -> None:
         """Within 0.03 %: CalculiX integrates the pressure with 2×2 points, too few for it to be exact."""
         peer = solid().simulate(pneunet(), OBSERVATION)
         largest = np.abs(peer.displacements).max()
-        np.testing.assert_array_equal(snapshots.points, peer.points)
+        np.testing.assert_array_equal(snapshots.domain.points_mm, peer.domain.points_mm)
         np.testing.assert_array_equal(snapshots.pressures_kpa, peer.pressures_kpa)
         np.testing.assert_allclose(snapshots.displacements, peer.displacements, atol=3e-4 * largest)
 
@@ -263,7 +264,7 @@ class TestAgainstTheSolid:
         assert np.abs(ours.displacements[0]).max() > 30
         np.testing.assert_allclose(theirs.displacements[0], ours.displacements[0], atol=2e-5)
 
-    def test_provenance_says_where_the_numbers_come_from(self, snapshots: Snapshots) -> None:
+    def test_provenance_says_where_the_numbers_come_from(self, snapshots: Dataset) -> None:
         told = snapshots.provenance
         assert told["finger"]["chambers"] == 2 and told["fem"]["name"] == "calculix"
         assert told["mesh"] == {"elements": 57, "nodes": 472, "degrees_of_freedom": 1172}

@@ -62,5 +62,5 @@ def test_impossible_fingers_are_refused(name: str, fields: dict[str, Any], sente
 )
 def test_they_bend_down(name: str, fields: dict[str, Any]) -> None:
     snapshots = solid().simulate(finger(name, **fields), OBSERVATION)
-    tip = snapshots.displacements[:, snapshots.base[-1], 1]
+    tip = snapshots.displacements[:, snapshots.domain.base[-1], 1]
     assert (np.diff(tip) < 0).all()

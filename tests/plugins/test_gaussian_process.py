@@ -33,7 +33,7 @@ def test_it_is_the_process_of_scikit_learn(fitted: Any) -> None:
     theirs.fit(state["inputs"], targets.T)
     asked = np.array([[*state["places"][node], 20.0 / state["unit_kpa"]]])
     mean, deviation = theirs.predict(asked, return_std=True)
-    point = small().points[node : node + 1]
+    point = small().domain.points_mm[node : node + 1]
     assert fitted.predict(point, 20.0) == pytest.approx(mean + state["mean_mm"], abs=1e-6)
     count = np.interp(20.0, state["bar_kpa"], state["bar_deviations"])
     expected_mm = np.sqrt(deviation[0, 0] ** 2 + float(state["noise"])) * state["size_mm"] * count
@@ -42,13 +42,13 @@ def test_it_is_the_process_of_scikit_learn(fitted: Any) -> None:
 
 def test_it_learns_and_knows_how_well(fitted: Any) -> None:
     data = small()
-    error = fitted.predict(data.points, data.pressures_kpa) - data.displacements
-    bars = fitted.error_bar(data.points, data.pressures_kpa)
+    error = fitted.predict(data.domain.points_mm, data.pressures_kpa) - data.displacements
+    bars = fitted.error_bar(data.domain.points_mm, data.pressures_kpa)
     assert (error**2).mean() < 1e-2 * (data.displacements**2).mean()
     unseen = np.delete((np.abs(error) <= bars[..., None]).reshape(-1, 2), TRAIN, axis=0)
     assert 0.88 < unseen.mean() < 0.99
-    assert np.median(fitted.error_bar(data.points, 75.0, beyond=True)) > 2 * np.median(
-        fitted.error_bar(data.points, 50.0)
+    assert np.median(fitted.error_bar(data.domain.points_mm, 75.0, beyond=True)) > 2 * np.median(
+        fitted.error_bar(data.domain.points_mm, 50.0)
     )
 
 
@@ -78,7 +78,7 @@ def test_a_fit_to_all_samples_is_that_of_scikit_learn_by_hand(tmp_path: Path) ->
     surrogate = plugin("model", "gaussian_process")(points=5000, modes=4).fit(how)
     state = surrogate.state()
 
-    body = Triangulation(how.scene.points_mm, how.scene.triangles)
+    body = Triangulation(how.scene.domain.points_mm, how.scene.domain.cells)
     functions, eigenvalues = body.modes(4)
     places = functions / np.sqrt(eigenvalues)
     places /= max(np.std(column) for column in places.T)

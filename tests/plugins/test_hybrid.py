@@ -11,9 +11,9 @@ import pytest
 import torch
 from numpy.polynomial.chebyshev import chebval
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.guide import gains, guide
 from pgdl_lab.learning.guided import GuidedField, product
@@ -30,19 +30,19 @@ QUICK: dict[str, Any] = {"degree": 5, "rounds": 2}
 
 
 @pytest.fixture(scope="module")
-def data() -> Snapshots:
+def data() -> Dataset:
     return solid().simulate(FINGER, OBSERVATION)
 
 
 @pytest.fixture(scope="module")
-def scene(data: Snapshots) -> Scene:
+def scene(data: Dataset) -> Scene:
     return Scene.of(FINGER, data)
 
 
-def some(data: Snapshots, count: int, below: float = 1.0, seed: int = 0) -> Samples:
+def some(data: Dataset, count: int, below: float = 1.0, seed: int = 0) -> Samples:
     """Samples at `count` points, from the pressures up to `below` times the highest."""
     seen = int((data.pressures_kpa <= below * data.pressures_kpa[-1] * (1 + 1e-9)).sum())
-    return Samples.of(data, np.random.default_rng(seed).choice(seen * len(data.points), count, replace=False))
+    return Samples.of(data, np.random.default_rng(seed).choice(seen * len(data.domain.points_mm), count, replace=False))
 
 
 def how(scene: Scene, samples: Samples, folder: Path, **losses: Any) -> Training:
@@ -59,16 +59,16 @@ def pod() -> Any:
     return plugin("model", "pod")(**QUICK)
 
 
-def rms(surrogate: Any, data: Snapshots, which: slice = slice(None)) -> float:
+def rms(surrogate: Any, data: Dataset, which: slice = slice(None)) -> float:
     surrogate.outside = "ignore"
-    error = surrogate.predict(data.points, data.pressures_kpa[which]) - data.displacements[which]
+    error = surrogate.predict(data.domain.points_mm, data.pressures_kpa[which]) - data.displacements[which]
     return float(np.sqrt((error**2).mean()))
 
 
 @pytest.mark.parametrize("below", [1.0, 0.8])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_from_few_points_it_errs_far_less_than_pod(
-    data: Snapshots, scene: Scene, below: float, seed: int, tmp_path: Path
+    data: Dataset, scene: Scene, below: float, seed: int, tmp_path: Path
 ) -> None:
     given = how(scene, some(data, 60, below, seed), tmp_path)
     ours, theirs = hybrid().fit(given), pod().fit(given)
@@ -77,7 +77,7 @@ def test_from_few_points_it_errs_far_less_than_pod(
     assert len(ours.record.history) > 1  # a network was trained
 
 
-def test_the_network_gains_on_the_guide(data: Snapshots, scene: Scene, tmp_path: Path) -> None:
+def test_the_network_gains_on_the_guide(data: Dataset, scene: Scene, tmp_path: Path) -> None:
     samples = some(data, 60)
     field, shown = hybrid().begin(how(scene, samples, tmp_path))
     assert not field.corrects
@@ -86,29 +86,29 @@ def test_the_network_gains_on_the_guide(data: Snapshots, scene: Scene, tmp_path:
 
     def error(weights: Any) -> float:
         field.load_state_dict(weights, strict=False)
-        fields = field.displacements(field.coordinates(data.points, 0), torch.from_numpy(data.pressures_kpa))
+        fields = field.displacements(field.coordinates(data.domain.points_mm, 0), torch.from_numpy(data.pressures_kpa))
         return float((fields.detach().numpy() - data.displacements).std())
 
     assert error(trained["weights"]) < 0.5 * error(trained["start"]["weights"])
 
 
-def test_bars_hold_the_errors_of_guide_network_and_closed_form(data: Snapshots, scene: Scene, tmp_path: Path) -> None:
+def test_bars_hold_the_errors_of_guide_network_and_closed_form(data: Dataset, scene: Scene, tmp_path: Path) -> None:
     surrogate = hybrid().fit(how(scene, some(data, 400), tmp_path))
-    error = np.abs(surrogate.predict(data.points, data.pressures_kpa) - data.displacements)
-    bars = surrogate.error_bar(data.points, data.pressures_kpa)[..., None]
+    error = np.abs(surrogate.predict(data.domain.points_mm, data.pressures_kpa) - data.displacements)
+    bars = surrogate.error_bar(data.domain.points_mm, data.pressures_kpa)[..., None]
     assert 0.88 < (error <= bars).mean() < 0.999
 
 
-def test_the_clamp_is_held(data: Snapshots, scene: Scene, tmp_path: Path) -> None:
+def test_the_clamp_is_held(data: Dataset, scene: Scene, tmp_path: Path) -> None:
     surrogate = hybrid().fit(how(scene, some(data, 60), tmp_path))
-    assert np.abs(surrogate.predict(data.points[data.clamp], data.pressures_kpa)).max() < 1e-6
+    assert np.abs(surrogate.predict(data.domain.points_mm[data.domain.clamp], data.pressures_kpa)).max() < 1e-6
 
 
 def alone(model: Any, given: Training, caplog: pytest.LogCaptureFixture) -> str:
     """What a model says that turns out to be `pod`."""
     with caplog.at_level(logging.INFO, "pgdl_lab"):
         surrogate = model.fit(given)
-    points, kpa = given.scene.points_mm, np.array([0.0, 10.0, 20.0])
+    points, kpa = given.scene.domain.points_mm, np.array([0.0, 10.0, 20.0])
     same = pod().fit(replace(given, losses={"data": given.losses["data"]}))
     assert np.array_equal(surrogate.predict(points, kpa), same.predict(points, kpa))
     assert np.array_equal(surrogate.error_bar(points, kpa), same.error_bar(points, kpa))
@@ -118,7 +118,7 @@ def alone(model: Any, given: Training, caplog: pytest.LogCaptureFixture) -> str:
 
 
 def test_pod_alone_answers_without_a_guide(
-    data: Snapshots, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    data: Dataset, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     said = alone(hybrid(guide="none"), how(scene, some(data, 100), tmp_path), caplog)
     assert said == "Model hybrid: pod alone answers, as model.guide is none."
@@ -130,7 +130,7 @@ def test_pod_alone_answers_where_the_finger_is_not_known(tmp_path: Path, caplog:
 
 
 def test_pod_alone_answers_where_the_guide_misleads(
-    data: Snapshots, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    data: Dataset, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A guide of another finger, whose field is rough where this one is not."""
     noise = np.random.default_rng(0).normal(size=guide(scene, "rod", 20.0, QUICK["degree"]).shape)
@@ -140,7 +140,7 @@ def test_pod_alone_answers_where_the_guide_misleads(
     )
 
 
-def test_a_loss_that_trains_nothing_is_named(scene: Scene, data: Snapshots, tmp_path: Path, caplog: Any) -> None:
+def test_a_loss_that_trains_nothing_is_named(scene: Scene, data: Dataset, tmp_path: Path, caplog: Any) -> None:
     given = how(scene, some(data, 100), tmp_path, navier_cauchy={}, boundary={"weight": 0.0})
     said = alone(hybrid(guide="none"), given, caplog)
     assert said.endswith("Loss navier_cauchy trains nothing then: leave it out or choose model=body.")
@@ -149,7 +149,7 @@ def test_a_loss_that_trains_nothing_is_named(scene: Scene, data: Snapshots, tmp_
 
 @pytest.mark.parametrize("count", [60, 4000])
 def test_the_early_test_looks_at_a_part_of_many_samples(
-    count: int, data: Snapshots, scene: Scene, monkeypatch: pytest.MonkeyPatch
+    count: int, data: Dataset, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pgdl_lab.learning.guide.TRIED", 1200)
     samples, seen = some(data, count), []
@@ -167,7 +167,7 @@ def test_the_early_test_looks_at_a_part_of_many_samples(
     assert len(seen) == 2 and max(seen) <= min(count, 1.2 * 1200)
 
 
-def test_what_the_guide_warns_of_is_not_said(data: Snapshots, scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
+def test_what_the_guide_warns_of_is_not_said(data: Dataset, scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
     guide(scene, "rod", 19.0, 3)  # not asked for before
     assert not caplog.records
     logging.getLogger("pgdl_lab.mechanics.reduced").warning("as before")
@@ -260,11 +260,11 @@ def test_a_network_begins_in_the_size_of_what_the_guide_errs_by() -> None:
     assert not field.shifts_mm(Samples(points, kpa, guided + [3.0, -4.0]), np.ones(4, dtype=bool)).any()
 
 
-def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(data: Snapshots, scene: Scene) -> None:
+def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(data: Dataset, scene: Scene) -> None:
     nodal = guide(scene, "rod", 20.0, 5)
-    points = data.points
+    points = data.domain.points_mm
     field = field_of(points, nodal)
-    field.triangles, field.range_kpa = torch.from_numpy(data.triangles), torch.tensor([0.0, 20.0]).double()
+    field.triangles, field.range_kpa = torch.from_numpy(data.domain.cells), torch.tensor([0.0, 20.0]).double()
     with torch.no_grad():
         kpa = torch.tensor([0.0, 7.0, 24.0], dtype=torch.double)
         whole = field.displacements(field.coordinates(points, 0), kpa).numpy()
@@ -289,7 +289,7 @@ def test_its_closed_form_needs_data(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("helps", [True, False])
 def test_the_network_stays_where_the_closed_form_errs_less_on_what_it_leaves(
-    helps: bool, data: Snapshots, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    helps: bool, data: Dataset, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = how(scene, some(data, 300), tmp_path)
     field, _ = hybrid().begin(given)
@@ -311,7 +311,7 @@ def test_the_network_stays_where_the_closed_form_errs_less_on_what_it_leaves(
 
 
 def test_a_network_that_does_not_gain_is_left_out_with_a_word(
-    data: Snapshots, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    data: Dataset, scene: Scene, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pgdl_lab.learning.pod.network_gains", lambda *_: False)
     monkeypatch.setattr("pgdl_lab.learning.guide.gains", lambda *_: True)
@@ -321,7 +321,7 @@ def test_a_network_that_does_not_gain_is_left_out_with_a_word(
     field, _ = hybrid().begin(given)
     alone = hybrid().finished(field, surrogate.record, given)
     assert "the network is left out, as fem=rod alone guides better" in caplog.text
-    assert np.array_equal(surrogate.predict(data.points, 10.0), alone.predict(data.points, 10.0))
+    assert np.array_equal(surrogate.predict(data.domain.points_mm, 10.0), alone.predict(data.domain.points_mm, 10.0))
 
 
 def test_a_guide_that_does_not_exist_is_refused_before_anything_is_simulated() -> None:
@@ -330,7 +330,7 @@ def test_a_guide_that_does_not_exist_is_refused_before_anything_is_simulated() -
 
 
 def test_its_file_is_read_by_a_program_that_knows_no_finite_elements(
-    data: Snapshots, scene: Scene, tmp_path: Path
+    data: Dataset, scene: Scene, tmp_path: Path
 ) -> None:
     surrogate = hybrid().fit(how(scene, some(data, 60), tmp_path))
     assert surrogate.model["guide"] == "rod"

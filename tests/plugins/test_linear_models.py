@@ -8,7 +8,7 @@ import torch
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.compression import compressed
-from pgdl_lab.learning.separable import chebyshev
+from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.trainings import TRAIN, small, training
 
@@ -24,7 +24,7 @@ def fitted(name: str, folder: Path, **fields: int) -> Surrogate:
 def errors(surrogate: Surrogate) -> np.ndarray:
     """Errors (m, 2) of the points that were not trained on [mm]."""
     data = small()
-    error = surrogate.predict(data.points, data.pressures_kpa) - data.displacements
+    error = surrogate.predict(data.domain.points_mm, data.pressures_kpa) - data.displacements
     return np.delete(error.reshape(-1, 2), TRAIN, axis=0)
 
 
@@ -38,19 +38,19 @@ def test_learnt_modes_beat_the_single_fit_and_both_follow_every_chamber(tmp_path
 @pytest.mark.parametrize("name", ["pod", "finite_element"])
 def test_bars_cover_the_unseen_points_and_grow_beyond_the_trained_pressures(name: str, tmp_path: Path) -> None:
     surrogate, data = fitted(name, tmp_path, degree=6), small()
-    bars = surrogate.error_bar(data.points, data.pressures_kpa)
+    bars = surrogate.error_bar(data.domain.points_mm, data.pressures_kpa)
     assert bars is not None
     unseen = np.delete(bars.ravel(), TRAIN)[:, None]
     assert 0.9 < (np.abs(errors(surrogate)) <= unseen).mean() < 0.99
-    top, beyond, far = (np.median(surrogate.error_bar(data.points, kpa)) for kpa in (50.0, 56.0, 62.5))
+    top, beyond, far = (np.median(surrogate.error_bar(data.domain.points_mm, kpa)) for kpa in (50.0, 56.0, 62.5))
     assert top < beyond < far
-    middles = data.points[data.triangles].mean(axis=1)
+    middles = data.domain.points_mm[data.domain.cells].mean(axis=1)
     # the same at the nodes, whoever else is asked for
-    together = surrogate.error_bar(np.concatenate([data.points, middles]), data.pressures_kpa)
-    assert together is not None and np.array_equal(together[:, : len(data.points)], bars)
-    assert np.median(together[:, len(data.points) :]) > np.median(bars)
-    held = surrogate.error_bar(data.points[data.clamp], 30.0)
-    assert held is not None and held.max() < surrogate.error_bar(data.points, 30.0).min() * 1.01
+    together = surrogate.error_bar(np.concatenate([data.domain.points_mm, middles]), data.pressures_kpa)
+    assert together is not None and np.array_equal(together[:, : len(data.domain.points_mm)], bars)
+    assert np.median(together[:, len(data.domain.points_mm) :]) > np.median(bars)
+    held = surrogate.error_bar(data.domain.points_mm[data.domain.clamp], 30.0)
+    assert held is not None and held.max() < surrogate.error_bar(data.domain.points_mm, 30.0).min() * 1.01
 
 
 def test_a_fit_repeats_exactly(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_no_more_modes_are_kept_than_tell_the_field_from_what_is_not_known_of_it
     rng, range_kpa, deviation_mm = np.random.default_rng(0), np.array([0.0, 50.0]), 1e-3
     sizes = np.diag([1e5, 10.0, 1.0, 0.01, 0.001]) * deviation_mm  # each mode has a polynomial of its own
     whole = {"modes": rng.standard_normal((500, 5, 2)), "amplitudes": sizes, "range_kpa": range_kpa}
-    polynomials = chebyshev(np.linspace(0, 57, 60), range_kpa, 4)
+    polynomials = Basis.of([range_kpa], 4)(np.linspace(0, 57, 60))
 
     def kept(deviation_mm: float, noise_mm: float) -> tuple[int, float]:
         """Number of modes, and how far the field of them is from the whole one [mm]."""

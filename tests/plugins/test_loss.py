@@ -8,14 +8,15 @@ import torch
 from scipy.spatial import cKDTree
 
 from pgdl_lab.assessment.residuals import residuals
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import discover, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.jet import Jet
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.settings import OptimizerSettings
 from tests.fingers import pneunet
+from tests.synthetic import with_domain
 from tests.trainings import scene, small, training
 
 discover()
@@ -75,12 +76,12 @@ def test_distances_are_summed_over_components_and_averaged_over_points(name: str
 def test_boundary_asks_for_the_clamp_to_rest() -> None:
     body = scene(small())
     points, targets = plugin("loss", "boundary")().own_points(body)
-    assert (points[:, 0] == 0).all() and len(points) == len(body.clamp) and not targets.any()
+    assert (points[:, 0] == 0).all() and len(points) == len(body.domain.clamp) and not targets.any()
 
 
 def test_boundary_refuses_a_body_without_a_clamp() -> None:
     with pytest.raises(InputError, match="clamped points"):
-        plugin("loss", "boundary")().own_points(replace(scene(small()), clamp=small().clamp[:0]))
+        plugin("loss", "boundary")().own_points(scene(with_domain(small(), clamp=small().domain.clamp[:0])))
 
 
 @pytest.mark.parametrize(
@@ -97,17 +98,17 @@ def real_scene() -> Scene:
     finger = pneunet()
     face = finger.face(800)
     still = np.zeros((1, 800, 2))
-    return Scene.of(finger, Snapshots(face.points, face.triangles, face.base, face.clamp, np.array([20.0]), still))
+    return Scene.of(finger, Dataset.path(face.domain, np.array([20.0]), still))
 
 
 def test_outline_surrounds_the_face() -> None:
     """Gauss: the integral of x n_x over the outline is the area; the clamp lies at x = 0 and adds nothing."""
     scene = real_scene()
     middles, normals = scene.outline
-    corners = scene.points_mm[scene.triangles]
+    corners = scene.domain.points_mm[scene.domain.cells]
     legs = corners[:, 1:] - corners[:, :1]
     area = np.abs(legs[:, 0, 0] * legs[:, 1, 1] - legs[:, 0, 1] * legs[:, 1, 0]).sum() / 2
-    tree = cKDTree(scene.points_mm)
+    tree = cKDTree(scene.domain.points_mm)
     nearest = tree.query(middles)[0]
     assert (2 * nearest * middles[:, 0] * normals[:, 0]).sum() == pytest.approx(area, rel=1e-9)
     assert (middles[:, 0] > 0).all()
@@ -160,7 +161,7 @@ def test_equilibrium_refuses_nonsense(fields: dict[str, Any]) -> None:
 def test_physics_trains_the_whole_field(name: str, model: str, tmp_path: Path) -> None:
     whole = training(tmp_path, {name: {"weight": 1.0}})
     body = real_scene()
-    samples = Samples(body.points_mm, np.full(800, 20.0), 0.05 * body.points_mm)
+    samples = Samples(body.domain.points_mm, np.full(800, 20.0), 0.05 * body.domain.points_mm)
     fields = {"depth": 1, "width": 8} | ({"modes": 16} if model == "body" else {})
     whole = replace(whole, scene=body, samples=samples)
     history = plugin("model", model)(**fields).fit(replace(whole, optimizer=OptimizerSettings(lr=1e-4))).record.history
@@ -170,8 +171,9 @@ def test_physics_trains_the_whole_field(name: str, model: str, tmp_path: Path) -
 def test_residuals_of_the_truth_are_the_floor() -> None:
     """A surrogate that is the simulation has its residuals; that of data is zero."""
     body = real_scene()
-    bent = 0.02 * body.points_mm[None] * body.points_mm[None, :, ::-1] / 17
-    snapshots = Snapshots(body.points_mm, body.triangles, body.clamp, body.clamp, np.array([20.0]), bent)
+    points = body.domain.points_mm[None]
+    bent = 0.02 * points * points[..., ::-1] / 17
+    snapshots = Dataset.path(body.domain, np.array([20.0]), bent)
     losses = {name: plugin("loss", name)() for name in ("data", "boundary", "navier_cauchy", "yeoh", "equilibrium")}
     same = residuals(losses, body, snapshots, bent, np.array([0]))
     other = residuals(losses, body, snapshots, 0 * bent, np.array([0]))

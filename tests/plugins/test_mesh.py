@@ -13,8 +13,8 @@ import pytest
 from skfem import Mesh, MeshHex, MeshTet
 
 from pgdl_lab.core import registry
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.meshcavity import chambers
@@ -81,12 +81,12 @@ def centres(mesh: Mesh, name: str) -> Any:
     return middles[np.lexsort(middles.T)]
 
 
-def deviation(one: Snapshots, other: Snapshots) -> float:
+def deviation(one: Dataset, other: Dataset) -> float:
     """Largest difference between displacements of the same nodes at the highest pressure [mm]."""
     from scipy.spatial import cKDTree
 
     assert one.body is not None and other.body is not None
-    distance, node = cKDTree(one.body.positions).query(other.body.positions)
+    distance, node = cKDTree(one.body.domain.points_mm).query(other.body.domain.points_mm)
     assert distance.max() < 1e-9
     return float(np.abs(one.body.displacements[-1][node] - other.body.displacements[-1]).max())
 
@@ -97,7 +97,7 @@ def test_extruded_finger_through_a_file_gives_the_same_displacements(tmp_path: P
     read = solid(element=element).simulate(from_file(to_gmsh(small(), tmp_path / "a.msh")), FEW)
     assert deviation(direct, read) < 1e-10
     assert read.displacements.shape == (2, 500, 2)
-    np.testing.assert_allclose(read.displacements[:, read.clamp], 0, atol=1e-9)
+    np.testing.assert_allclose(read.displacements[:, read.domain.clamp], 0, atol=1e-9)
 
 
 def test_whole_finger_bends_as_its_half(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_tetrahedra_converge_to_hexahedra(tmp_path: Path) -> None:
 
     loose = {"contact": "off", "interpolation_mm": 1e-3}
 
-    def extremes(shots: Snapshots) -> Any:
+    def extremes(shots: Dataset) -> Any:
         return np.abs(shots.displacements).max(axis=(0, 1))
 
     reference = extremes(solid(edge_mm=2.0, element="hex27_p1", **loose).simulate(finger, few))
@@ -133,7 +133,7 @@ def test_tetrahedra_converge_to_hexahedra(tmp_path: Path) -> None:
     for edge in (6.0, 3.0):
         path = to_gmsh(tetrahedra(finger.mesh(edge)), tmp_path / f"{edge}.msh")
         shots = solid(element="tet15_p1", **loose).simulate(from_file(path, max_kpa=1.0, gravity_m_s2=[0.0, 0.0]), few)
-        assert shots.body is not None and shots.body.cell_type == "tetra10"
+        assert shots.body is not None and shots.body.domain.cell_type == "tetra10"
         errors[edge] = float(np.abs(extremes(shots) / reference - 1).max())
     assert errors[3.0] < 0.06 and errors[3.0] < errors[6.0] / 1.8, errors
     constant = solid(element="auto", **loose).simulate(from_file(path, max_kpa=1.0, gravity_m_s2=[0.0, 0.0]), few)
@@ -180,16 +180,16 @@ def test_curved_quadratic_edges_are_told(tmp_path: Path) -> None:
 def test_side_face(tmp_path: Path, count: int) -> None:
     finger = from_file(to_gmsh(tetrahedra(small()), tmp_path / "a.msh"))
     face = finger.face(count)
-    assert face.points.shape == (count, 2)
+    assert face.domain.points_mm.shape == (count, 2)
     np.testing.assert_allclose(face.y_mm, 8.0)
-    corners = face.points[face.triangles]
+    corners = face.domain.points_mm[face.domain.cells]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]).sum() / 2
     assert area == pytest.approx(2 * 10.5 * 17 + 8)
-    np.testing.assert_allclose(face.points[face.base, 1], 0, atol=1e-6)
-    np.testing.assert_allclose(face.points[face.base][[0, -1], 0], [0, 22], atol=1e-6)
-    np.testing.assert_allclose(face.points[face.clamp, 0], 0, atol=1e-6)
-    np.testing.assert_allclose(np.ptp(face.points[face.clamp, 1]), 17)
+    np.testing.assert_allclose(face.domain.points_mm[face.domain.base, 1], 0, atol=1e-6)
+    np.testing.assert_allclose(face.domain.points_mm[face.domain.base][[0, -1], 0], [0, 22], atol=1e-6)
+    np.testing.assert_allclose(face.domain.points_mm[face.domain.clamp, 0], 0, atol=1e-6)
+    np.testing.assert_allclose(np.ptp(face.domain.points_mm[face.domain.clamp, 1]), 17)
 
 
 def test_slanting_side_face_is_observed_where_it_is(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_slanting_side_face_is_observed_where_it_is(tmp_path: Path) -> None:
     slanted = replace(mesh, doflocs=narrow)
     finger = from_file(to_gmsh(slanted, tmp_path / "a.msh"), max_kpa=1.0)
     face = finger.face(400)
-    np.testing.assert_allclose(face.y_mm, 8 * (1 - face.points[:, 1] / 100), atol=1e-6)
+    np.testing.assert_allclose(face.y_mm, 8 * (1 - face.domain.points_mm[:, 1] / 100), atol=1e-6)
     shots = solid().simulate(finger, replace(FEW, snapshots=1, points=400))
     assert np.isfinite(shots.displacements).all()
 
@@ -352,4 +352,4 @@ def test_shipped_example() -> None:
     mesh = from_file(path).mesh(1.0)
     assert isinstance(mesh, MeshTet)
     assert set(mesh.boundaries) == {"clamp", "symmetry", "cavity"}
-    assert len(from_file(path).face(1000).points) == 1000
+    assert len(from_file(path).face(1000).domain.points_mm) == 1000

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pgdl_lab.core import registry
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from tests.fingers import from_file, refusal, solid
 from tests.meshes import Array, Index, bricks, chamber, groups, inside, plain, save, skin, swapped, tetrahedra
 

@@ -232,16 +232,16 @@ def test_wide_root_is_not_taken_for_the_side(tmp_path: Path) -> None:
     points, cells = flanged()
     finger = from_file(save(tmp_path / "a.vtu", points, cells))
     face = finger.face(400)
-    assert len(face.points) == 400
-    base = face.points[face.base]
+    assert len(face.domain.points_mm) == 400
+    base = face.domain.points_mm[face.domain.base]
     np.testing.assert_allclose(base[[0, -1]], [[0, 0], [40, 0]], atol=1e-6)
     assert np.diff(base[:, 0]).max() < 3
-    apart = np.abs(face.points[:, 0] - 5) > 1e-6
-    y = np.broadcast_to(face.y_mm, len(face.points))
-    np.testing.assert_allclose(y[apart], np.where(face.points[apart, 0] < 5, 10, 6), atol=1e-6)
-    assert len(np.unique(face.points.round(6), axis=0)) == 400  # of two points at one place one is seen
-    np.testing.assert_allclose(face.points[face.clamp, 0], 0, atol=1e-6)
-    corners = face.points[face.triangles]
+    apart = np.abs(face.domain.points_mm[:, 0] - 5) > 1e-6
+    y = np.broadcast_to(face.y_mm, len(face.domain.points_mm))
+    np.testing.assert_allclose(y[apart], np.where(face.domain.points_mm[apart, 0] < 5, 10, 6), atol=1e-6)
+    assert len(np.unique(face.domain.points_mm.round(6), axis=0)) == 400  # of two points at one place one is seen
+    np.testing.assert_allclose(face.domain.points_mm[face.domain.clamp, 0], 0, atol=1e-6)
+    corners = face.domain.points_mm[face.domain.cells]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     assert np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]).sum() / 2 == pytest.approx(40 * 12)
 
@@ -253,11 +253,11 @@ def test_part_of_the_side_that_another_hides_is_not_observed(tmp_path: Path) -> 
     )
     mesh = from_file(save(tmp_path / "a.vtu", points, cells)).mesh(1.0)
     face = observe_side(mesh, 500)
-    root = (face.points[:, 0] < 10 - 1e-6) & (face.points[:, 1] > 9 + 1e-6)
-    y = np.broadcast_to(face.y_mm, len(face.points))
+    root = (face.domain.points_mm[:, 0] < 10 - 1e-6) & (face.domain.points_mm[:, 1] > 9 + 1e-6)
+    y = np.broadcast_to(face.y_mm, len(face.domain.points_mm))
     np.testing.assert_allclose(y[root], 10, atol=1e-6)
-    np.testing.assert_allclose(face.points[face.base][[0, -1], 0], [0, 40], atol=1e-6)
-    below = face.points[:, 1] < 9 - 1e-6
+    np.testing.assert_allclose(face.domain.points_mm[face.domain.base][[0, -1], 0], [0, 40], atol=1e-6)
+    below = face.domain.points_mm[:, 1] < 9 - 1e-6
     np.testing.assert_allclose(y[below], 6, atol=1e-6)
 
 
@@ -268,10 +268,10 @@ def test_side_behind_a_plate_is_not_observed(tmp_path: Path) -> None:
         ys=(-10.0, -8.0, -6.0, -3.0, 3.0, 6.0, 8.0, 10.0),
     )
     face = from_file(save(tmp_path / "a.vtu", points, cells)).face(500)
-    np.testing.assert_allclose(face.points[face.base][[0, -1], 0], [0, 40], atol=1e-6)
-    y = np.broadcast_to(face.y_mm, len(face.points))
-    apart = np.abs(face.points[:, 0] - 15) > 1e-6
-    np.testing.assert_allclose(y[apart], np.where(face.points[apart, 0] < 15, 10, 6), atol=1e-6)
+    np.testing.assert_allclose(face.domain.points_mm[face.domain.base][[0, -1], 0], [0, 40], atol=1e-6)
+    y = np.broadcast_to(face.y_mm, len(face.domain.points_mm))
+    apart = np.abs(face.domain.points_mm[:, 0] - 15) > 1e-6
+    np.testing.assert_allclose(y[apart], np.where(face.domain.points_mm[apart, 0] < 15, 10, 6), atol=1e-6)
 
 
 def test_narrow_joint_between_two_segments_is_observed_too(tmp_path: Path) -> None:
@@ -281,8 +281,8 @@ def test_narrow_joint_between_two_segments_is_observed_too(tmp_path: Path) -> No
     )
     mesh = from_file(save(tmp_path / "a.vtu", points, cells)).mesh(1.0)
     assert len(np.unique(find(mesh).piece)) == 3
-    base = observe_side(mesh, 300).base
-    assert np.diff(observe_side(mesh, 300).points[base, 0]).max() < 3
+    base = observe_side(mesh, 300).domain.base
+    assert np.diff(observe_side(mesh, 300).domain.points_mm[base, 0]).max() < 3
 
 
 def test_face_that_ends_half_way_is_refused(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pgdl_lab.core import registry
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.meshaxes import rotation, within
 from pgdl_lab.mechanics.meshsurface import distances

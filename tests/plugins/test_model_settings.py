@@ -51,10 +51,10 @@ def test_an_interval_is_two_rising_numbers(interval: list[float]) -> None:
 
 def test_a_field_on_modes_begins_at_0_kpa_and_has_as_many_modes_as_a_quarter_of_the_points(tmp_path: Path) -> None:
     how = training(tmp_path, {"data": {}})
-    for modes, kept in ((7, 7), (10**6, len(small().points) // 4)):
+    for modes, kept in ((7, 7), (10**6, len(small().domain.points_mm) // 4)):
         field = plugin("model", "body")(depth=1, width=4, degree=1, modes=modes).new_field(how)
         assert field.range_kpa.tolist() == pytest.approx([0.0, how.samples.pressures_kpa.max()])
-        assert field.modes.shape == (len(small().points), kept)
+        assert field.modes.shape == (len(small().domain.points_mm), kept)
 
 
 @pytest.mark.parametrize(

@@ -40,4 +40,4 @@ def test_table_one_of_the_paper() -> None:
 def test_root_and_tip_are_solid_blocks() -> None:
     plain, longer = pneunet(), pneunet(root_mm=4.0, tip_mm=6.0)
     assert longer.mesh(3.0).p[0].max() == pytest.approx(plain.mesh(3.0).p[0].max() + 10)
-    assert longer.face(1000).points[:, 0].max() == pytest.approx(22 + 10)
+    assert longer.face(1000).domain.points_mm[:, 0].max() == pytest.approx(22 + 10)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pgdl_lab.core import registry
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Observation, Snapshots
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finger_rod import FingerRod
@@ -26,7 +27,7 @@ def plane(finger: Any, share: float) -> PlaneFinger:
     return PlaneFinger(finger, 3.0, replace(STATES["plane_strain"], side_wall_share=share))
 
 
-def solid_at(finger: Finger) -> Snapshots:
+def solid_at(finger: Finger) -> Dataset:
     fem: Fem = registry.plugin("fem", "solid")(interpolation_mm=1.0, estimate_error=False)
     return fem.simulate(finger, Observation(1, 1500))
 
@@ -38,8 +39,8 @@ def solid_at(finger: Finger) -> Snapshots:
 def test_fingers_bend_down_as_pressure_rises(name: str, fields: dict[str, Any], finger: str) -> None:
     snapshots = rung(name, interpolation_mm=1e-2, **fields).simulate(registry.plugin("finger", finger)(), OBSERVATION)
     assert snapshots.displacements.shape == (10, 800, 2)
-    np.testing.assert_allclose(snapshots.displacements[:, snapshots.clamp], 0, atol=1e-9)
-    tip = np.diff(snapshots.displacements[:, snapshots.base[-1]], axis=0)
+    np.testing.assert_allclose(snapshots.displacements[:, snapshots.domain.clamp], 0, atol=1e-9)
+    tip = np.diff(snapshots.displacements[:, snapshots.domain.base[-1]], axis=0)
     assert (tip[:, 0] < 0).all()
     told = snapshots.provenance
     assert told["finger"]["name"] == finger and told["fem"]["name"] == name
@@ -52,8 +53,8 @@ def test_rod_is_the_solid_while_displacements_are_small() -> None:
     for load in ({"gravity_m_s2": [0.0, 0.0], "max_kpa": 0.1}, {"gravity_m_s2": [0.0, -0.01], "max_kpa": 1e-6}):
         body = pneunet(chambers=5, **load)
         reference, ours = solid_at(body), rung("rod").simulate(body, Observation(1, 1500))
-        np.testing.assert_array_equal(ours.points, reference.points)
-        tip = reference.base[-1]
+        np.testing.assert_array_equal(ours.domain.points_mm, reference.domain.points_mm)
+        tip = reference.domain.base[-1]
         np.testing.assert_allclose(ours.displacements[0, tip, 1], reference.displacements[0, tip, 1], rtol=0.05)
 
 
@@ -81,7 +82,7 @@ def test_walls_of_segments_bulge_as_those_of_the_solid() -> None:
     body = pneunet(wall_mm=1.5, max_kpa=0.5, gravity_m_s2=[0.0, 0.0])
     result = solid(element="hex27_p1", edge_mm=3.0, interpolation_mm=1.0).simulate(body, Observation(1, 200)).body
     assert result is not None
-    x, y, z = result.positions.T
+    x, y, z = result.domain.points_mm.T
     facing = [np.flatnonzero(np.isclose(x, place) & (z > 8.01)) for place in (10.5, 11.5)]
     moved = [result.displacements[-1, nodes[np.lexsort((z[nodes], y[nodes]))], 0] for nodes in facing]
     rod = FingerRod(body, 3.0, 1.0)
@@ -95,15 +96,19 @@ def test_rod_of_two_segments_is_off_under_a_little_weight() -> None:
     """By some 13 %, where five are within 5 %: it has to warn."""
     body, seen = pneunet(gravity_m_s2=[0.0, -0.01], max_kpa=1e-6), Observation(1, 200)
     fems = solid(element="hex27_p1", interpolation_mm=1.0), rung("rod", edge_mm=6.0, interpolation_mm=1.0)
-    exact, found = (result.displacements[0, result.base[-1]] for result in (fem.simulate(body, seen) for fem in fems))
+    exact, found = (
+        result.displacements[0, result.domain.base[-1]] for result in (fem.simulate(body, seen) for fem in fems)
+    )
     assert 0.1 < np.linalg.norm(found - exact) / np.linalg.norm(exact) < 0.16
 
 
 def test_rod_side_face_has_no_steps_between_segments() -> None:
     """Neighbours on the base line move alike, also across the cuts."""
     snapshots = rung("rod").simulate(pneunet(chambers=4), OBSERVATION)
-    moved = snapshots.points[snapshots.base] + snapshots.displacements[-1, snapshots.base]
-    distance = np.linalg.norm(np.diff(moved, axis=0), axis=1) / np.diff(snapshots.points[snapshots.base, 0])
+    moved = snapshots.domain.points_mm[snapshots.domain.base] + snapshots.displacements[-1, snapshots.domain.base]
+    distance = np.linalg.norm(np.diff(moved, axis=0), axis=1) / np.diff(
+        snapshots.domain.points_mm[snapshots.domain.base, 0]
+    )
     assert np.ptp(distance) < 0.25
 
 
@@ -185,7 +190,7 @@ def test_section_is_stiffer_the_more_of_its_side_walls_counts() -> None:
         found = rung("section", edge_mm=6.0, side_wall_share=share, interpolation_mm=1.0).simulate(
             pneunet(max_kpa=5.0, gravity_m_s2=[0.0, 0.0]), Observation(1, 200)
         )
-        tips.append(-found.displacements[0, found.base[-1], 1])
+        tips.append(-found.displacements[0, found.domain.base[-1], 1])
         seconds = found.provenance["seconds_of"]
         assert sum(seconds.values()) == pytest.approx(found.provenance["seconds"]) and min(seconds.values()) > 0
     assert tips[0] > tips[1] > tips[3] > 0 and tips[2] == pytest.approx(tips[1], rel=1e-9)  # 0.4 unless told otherwise

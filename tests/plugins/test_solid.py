@@ -2,13 +2,13 @@ import meshio
 import numpy as np
 import pytest
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Snapshots
 from tests.fingers import OBSERVATION, pneunet, solid
 
 
 @pytest.fixture(scope="module")
-def snapshots() -> Snapshots:
+def snapshots() -> Dataset:
     return solid(element="hex27_p1", estimate_error=True).simulate(pneunet(), OBSERVATION)
 
 
@@ -21,24 +21,24 @@ def test_coarse_mesh_is_said_to_be_coarse(caplog: pytest.LogCaptureFixture) -> N
     assert solid().simulate(pneunet(chambers=1), OBSERVATION).provenance["discretisation_error"] is None
 
 
-def test_snapshots_as_asked_for(snapshots: Snapshots) -> None:
+def test_dataset_as_asked_for(snapshots: Dataset) -> None:
     assert snapshots.displacements.shape == (10, 800, 2)
     np.testing.assert_allclose(snapshots.pressures_kpa, np.arange(2, 21, 2))
-    assert np.abs(snapshots.displacements[:, snapshots.clamp]).max() < 1e-12
-    tip = snapshots.displacements[:, snapshots.base[-1], 1]
+    assert np.abs(snapshots.displacements[:, snapshots.domain.clamp]).max() < 1e-12
+    tip = snapshots.displacements[:, snapshots.domain.base[-1], 1]
     assert (np.diff(tip) < 0).all()  # a chamber above the channel: the finger bends down as pressure rises
 
 
-def test_side_face_agrees_with_the_body(snapshots: Snapshots) -> None:
+def test_side_face_agrees_with_the_body(snapshots: Dataset) -> None:
     body = snapshots.body
     assert body is not None and body.pressures_kpa[-1] == 20
-    corner = np.abs(body.positions - [22, 8, 0]).sum(axis=1).argmin()
-    np.testing.assert_allclose(body.positions[corner], [22, 8, 0], atol=1e-9)
-    tip = snapshots.base[-1]
+    corner = np.abs(body.domain.points_mm - [22, 8, 0]).sum(axis=1).argmin()
+    np.testing.assert_allclose(body.domain.points_mm[corner], [22, 8, 0], atol=1e-9)
+    tip = snapshots.domain.base[-1]
     np.testing.assert_allclose(body.displacements[-1, corner, [0, 2]], snapshots.displacements[-1, tip], atol=1e-9)
 
 
-def test_provenance_says_where_the_numbers_come_from(snapshots: Snapshots) -> None:
+def test_provenance_says_where_the_numbers_come_from(snapshots: Dataset) -> None:
     told = snapshots.provenance
     assert told["finger"]["chambers"] == 2 and told["fem"]["element"] == "hex27_p1"
     assert told["mesh"] == {"elements": 57, "nodes": 771, "degrees_of_freedom": 2015}
@@ -53,7 +53,7 @@ def test_cells_are_valid_in_the_order_of_vtk(element: str) -> None:
     """Corners, middles of edges and, with 27 nodes, of faces lie where VTK wants them; meshio knows the name."""
     body = solid(element=element).simulate(pneunet(chambers=1), OBSERVATION).body
     assert body is not None
-    corners, extra = body.positions[body.cells[:, :8]], body.positions[body.cells[:, 8:]]
+    corners, extra = body.domain.points_mm[body.domain.cells[:, :8]], body.domain.points_mm[body.domain.cells[:, 8:]]
     edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
     for place, (start, stop) in enumerate(edges):
         np.testing.assert_allclose(extra[:, place], (corners[:, start] + corners[:, stop]) / 2, atol=1e-9)
@@ -64,7 +64,7 @@ def test_cells_are_valid_in_the_order_of_vtk(element: str) -> None:
         for place, face in enumerate(faces):
             np.testing.assert_allclose(extra[:, 12 + place], corners[:, face].mean(axis=1), atol=1e-9)
         np.testing.assert_allclose(extra[:, 18], corners.mean(axis=1), atol=1e-9)
-    assert meshio.CellBlock(body.cell_type, body.cells).dim == 3
+    assert meshio.CellBlock(body.domain.cell_type, body.domain.cells).dim == 3
 
 
 @pytest.mark.parametrize(

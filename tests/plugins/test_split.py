@@ -26,7 +26,7 @@ class TestEverySplit:
         data, split = small(), make(name, points=500)
         train = split.train_points(data, seed=3)
         assert train.shape == (500,) and np.all(np.diff(train) > 0)
-        assert split.seen(data.pressures_kpa)[train // len(data.points)].all()
+        assert split.seen(data.pressures_kpa)[train // len(data.domain.points_mm)].all()
 
     def test_repeats_under_a_seed_and_differs_under_another(self, name: str) -> None:
         data, split = small(), make(name, points=500)
@@ -40,11 +40,11 @@ class TestEverySplit:
         selection = split.selection_points(data, train, seed=3)
         assert not np.intersect1d(selection, train).size and len(np.unique(selection)) == len(selection)
         seen = split.seen(data.pressures_kpa)
-        assert seen[selection // len(data.points)].all()
-        assert len(selection) == (seen.sum() * len(data.points) - 500) // 10
+        assert seen[selection // len(data.domain.points_mm)].all()
+        assert len(selection) == (seen.sum() * len(data.domain.points_mm) - 500) // 10
         assert np.array_equal(selection, split.selection_points(data, train, seed=3))
         assert not np.array_equal(selection, split.selection_points(data, train, seed=4))
-        everything = np.flatnonzero(np.repeat(seen, len(data.points)))
+        everything = np.flatnonzero(np.repeat(seen, len(data.domain.points_mm)))
         assert not len(split.selection_points(data, everything, seed=3))
 
     def test_refuses_more_points_than_there_are(self, name: str) -> None:
@@ -94,13 +94,13 @@ def test_extrapolate_refuses_fractions_that_leave_nothing(fields: dict[str, Any]
         make("extrapolate", **fields)
 
 
-def test_snapshots_holds_out_whole_pressures_and_keeps_the_ends() -> None:
+def test_dataset_holds_out_whole_pressures_and_keeps_the_ends() -> None:
     seen = make("snapshots", train_snapshots=9).seen(KPA)
     assert seen.sum() == 9 and seen[0] and seen[-1]
 
 
 @pytest.mark.parametrize("total", [3, 4, 10, 25, 100])
-def test_snapshots_gives_as_many_as_it_is_asked_for(total: int) -> None:
+def test_dataset_gives_as_many_as_it_is_asked_for(total: int) -> None:
     kpa = np.linspace(50 / total, 50, total)
     for count in range(2, total):
         seen = make("snapshots", train_snapshots=count).seen(kpa)
@@ -108,7 +108,7 @@ def test_snapshots_gives_as_many_as_it_is_asked_for(total: int) -> None:
     assert np.array_equal(make("snapshots", train_snapshots=3).seen(KPA).nonzero()[0], [0, 49, 99])
 
 
-def test_snapshots_lie_as_near_as_can_be_to_chebyshevs_points() -> None:
+def test_dataset_lie_as_near_as_can_be_to_chebyshevs_points() -> None:
     """Against all ways to choose 4 of 9; the points (1 − cos(π k / 3)) / 2 are 0, ¼, ¾ and 1 of the range."""
     for seed in range(5):
         kpa = np.sort(np.random.default_rng(seed).uniform(10, 50, 9))
@@ -120,7 +120,7 @@ def test_snapshots_lie_as_near_as_can_be_to_chebyshevs_points() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 100])
-def test_snapshots_refuses_to_hold_out_none_or_interpolate_from_one(count: int) -> None:
+def test_dataset_refuses_to_hold_out_none_or_interpolate_from_one(count: int) -> None:
     with pytest.raises(InputError, match="train_snapshots"):
         make("snapshots", train_snapshots=count).seen(KPA)
 
@@ -140,5 +140,5 @@ def test_one_point_is_enough_and_a_search_selects_by_2000_at_most() -> None:
     data = snapshots(cell_mm=2.0, count=50)
     split = make("random", points=1)
     train = split.train_points(data, seed=0)
-    assert len(train) == 1 and 50 * len(data.points) > 21_000
+    assert len(train) == 1 and 50 * len(data.domain.points_mm) > 21_000
     assert len(split.selection_points(data, train, seed=0)) == 2000

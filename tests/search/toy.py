@@ -15,7 +15,8 @@ import numpy as np
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.core.registry import register
-from pgdl_lab.core.snapshots import Snapshots
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.domain import Domain
 from tests.synthetic import snapshots
 
 @register("fem", "toy")
@@ -35,8 +36,7 @@ class Toy(Fem):
             return snapshots(cell_mm=2.5, count=3)
         u = np.zeros((1, 3, 2))
         u[0, 1] = (self.a - 0.3) ** 2, self.b * (1 + self.a)
-        none = np.zeros(0, dtype=np.int64)
-        return Snapshots(np.eye(3, 2), np.array([[0, 1, 2]]), none, none, np.ones(1), u)
+        return Dataset.path(Domain(np.eye(3, 2), np.array([[0, 1, 2]])), np.ones(1), u)
 '''
 SEARCH = ("-m", "sweep=search", "task=simulate", "fem=toy", "hydra.sweeper.objectives=[extremes_mm.fem.x.1]")
 

@@ -23,7 +23,7 @@ def test_every_form_answers_any_number_of_points_and_pressures(name: str, tmp_pa
     forms = list(export(surrogate, tmp_path / "export"))
     made = [form for form in forms if isinstance(form, Form)]
     assert [form.name for form in made] == ["numpy", "torch.export", "onnx"][name == "body" :]
-    points = small().points[::7]
+    points = small().domain.points_mm[::7]
     truth = surrogate.predict(points, [1.0, 20.0, 50.0])
     for form in made:
         assert np.abs(form.predict(points, np.array([1.0, 20.0, 50.0])) - truth).max() <= form.tolerance_mm

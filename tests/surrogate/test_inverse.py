@@ -35,8 +35,8 @@ def test_the_pressure_of_a_tip_is_found(surrogate: Surrogate, kpa: float) -> Non
 
 @pytest.mark.parametrize("kpa", [0.0, 12.0, 50.0])
 def test_the_pressure_of_a_curvature_is_found(surrogate: Surrogate, kpa: float) -> None:
-    face = surrogate.face
-    line = face.mesh.points_mm[face.base]
+    domain = surrogate.domain
+    line = domain.points_mm[domain.base]
     curvature = mean_curvature_per_m(line + surrogate.at(line)(kpa))
     answer = surrogate.pressure_for(curvature=curvature)
     assert answer.reached and answer.kpa == pytest.approx(kpa, abs=1e-5)

@@ -39,8 +39,8 @@ def write() -> None:
     modes.save(STORED / TRAINED)
     numpy_form.write(modes, STORED / PLAIN)
     numpy_form.write(network, STORED / NETWORK)
-    mesh, rng = modes.face.mesh, np.random.default_rng(0)
-    corners = mesh.points_mm[mesh.triangles[rng.integers(len(mesh.triangles), size=200)]]
+    mesh, rng = modes.domain.mesh, np.random.default_rng(0)
+    corners = mesh.points_mm[mesh.simplices[rng.integers(len(mesh.simplices), size=200)]]
     points = np.einsum("nc,nci->ni", rng.dirichlet(np.ones(3), 200), corners)
     np.save(STORED / "points_mm.npy", points)
     for name in (PLAIN, NETWORK):

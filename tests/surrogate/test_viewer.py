@@ -66,7 +66,7 @@ def set_kpa(window: Chrome, kpa: float) -> None:
 def test_numbers_are_those_of_python(window: Chrome, surrogate: Surrogate, kpa: float) -> None:
     set_kpa(window, kpa)
     shown = np.array(window.execute_script("return Array.from(displacements(state.kpa))")).reshape(-1, 2)
-    truth = surrogate.predict(small().points, kpa)
+    truth = surrogate.predict(small().domain.points_mm, kpa)
     assert np.abs(shown - truth).max() < 1e-4
     texts = re.findall(r"tip [xz]\n([−\d.]+) mm", window.find_element(By.ID, "readings").text.replace(" mm", " mm\n"))
     tip = surrogate.tip_mm + surrogate.predict([surrogate.tip_mm], kpa)[0]
@@ -78,8 +78,8 @@ def test_numbers_are_those_of_python(window: Chrome, surrogate: Surrogate, kpa: 
 def test_pixels_are_where_and_of_the_colour_that_python_says(window: Chrome, surrogate: Surrogate, kpa: float) -> None:
     window.execute_script("change({colour: 'size', base: false, fem: false})")
     set_kpa(window, kpa)
-    points = small().points
-    inner = np.setdiff1d(np.arange(len(points)), surrogate.face.mesh.outline[:, :2])
+    points = small().domain.points_mm
+    inner = np.setdiff1d(np.arange(len(points)), surrogate.domain.mesh.outline[:, :2])
     u = surrogate.predict(points, kpa)
     stage = window.execute_script(
         "const box = stage.getBoundingClientRect(); return [box.x, box.y, view.scale, view.x, view.z]"
@@ -162,7 +162,7 @@ def test_fits_a_phone(window: Chrome, width: int, height: int) -> None:
 def test_a_network_is_shown_as_the_polynomial_nearest_to_it(tmp_path: Path) -> None:
     network = trained("mlp", tmp_path)
     coefficients, error_mm = polynomial(network, 50.0)
-    assert coefficients.shape[1:] == small().points.shape
+    assert coefficients.shape[1:] == small().domain.points_mm.shape
     assert error_mm < 1e-2
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.assessment.latency import median_ms
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.files import replacing
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.doubt import trained
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.running.cache import simulate, snapshot_path
@@ -56,7 +56,7 @@ class Bench:
         return find_reference(experiment.finger, settings.reference, judged, self.folder / "snapshots")
 
     @cached_property
-    def data(self) -> Snapshots:
+    def data(self) -> Dataset:
         """The simulation that surrogates learn from; its discretisation error is known here without an estimate."""
         experiment = self.experiment
         return simulate(experiment.finger, self.plain_fem, experiment.observation, self.folder / "snapshots")[0]
@@ -136,7 +136,7 @@ class Bench:
         seen
             (P, N) the data that it was given.
         """
-        points, tip, kpa = self.data.points, self.reference.tip, float(self.data.pressures_kpa[-1])
+        points, tip, kpa = self.data.domain.points_mm, self.reference.tip, float(self.data.pressures_kpa[-1])
         predicted = np.stack([predict(points, float(p)) for p in self.data.pressures_kpa[self.judged]])
         unseen = ~seen[self.judged]
         unseen[~unseen.any(axis=1)] = True  # of a snapshot that was given as a whole, training errors stand in

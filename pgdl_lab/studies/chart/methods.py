@@ -101,7 +101,7 @@ def _table(bench: Bench) -> tuple[Point, bool]:
         given = split.seen(data.pressures_kpa).copy()
         given[np.setdiff1d(bench.judged, [len(given) - 1])] = False
         spline = CubicSpline(data.pressures_kpa[given], data.displacements[given])
-        place = {point.tobytes(): number for number, point in enumerate(data.points)}
+        place = {point.tobytes(): number for number, point in enumerate(data.domain.points_mm)}
 
         def predict(points: NDArray[np.float64], kpa: float) -> Any:
             return spline(kpa) if len(points) > 1 else spline(kpa)[[place[points[0].tobytes()]]]

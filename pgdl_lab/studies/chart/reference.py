@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe, field_names, plugin
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.running.cache import simulate
@@ -70,9 +71,9 @@ class Reference:
         Order of convergence of their element.
     """
 
-    coarser: Snapshots | None
-    coarse: Snapshots
-    fine: Snapshots
+    coarser: Dataset | None
+    coarse: Dataset
+    fine: Dataset
     edges_mm: tuple[float, float]
     paths: tuple[Path, Path]
     order: int = ORDER
@@ -94,7 +95,7 @@ class Reference:
     @property
     def tip(self) -> int:
         """Index of the end of the base line."""
-        return int(self.fine.base[-1])
+        return int(self.fine.domain.base[-1])
 
     @property
     def pressures_kpa(self) -> Array:
@@ -146,7 +147,7 @@ def find_reference(finger: Finger, description: dict[str, Any], observation: Obs
             "is no converged reference: choose a finger that is meshed here, or a lower chart.reference.edge_mm."
         )
     try:
-        before: Snapshots | None = simulate(finger, coarser, observation, folder)[0]
+        before: Dataset | None = simulate(finger, coarser, observation, folder)[0]
     except LabError:  # too coarse a mesh for this finger
         before = None
     element = first.provenance.get("element")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.registry import describe
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.core.split import Split
 from pgdl_lab.learning.model import Model
 from pgdl_lab.mechanics.fem import Fem
@@ -47,7 +47,7 @@ class Choice:
     model: Model | None = None
     split: Split | None = None
     surrogate: Surrogate | None = None
-    snapshots: Snapshots | None = None
+    snapshots: Dataset | None = None
     reasons: list[str] = field(default_factory=list)
     spent_s: float = 0.0
 

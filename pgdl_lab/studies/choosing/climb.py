@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.core.registry import describe, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.material import Yeoh
@@ -95,7 +95,7 @@ class Climb:
         fields = {"edge_mm": factor * solid.edge_mm, "interpolation_mm": interpolation, "estimate_error": True}
         return replace(solid, **{**fields, **changes})
 
-    def _simulate(self, finger: Finger, fem: Fem) -> Snapshots:
+    def _simulate(self, finger: Finger, fem: Fem) -> Dataset:
         snapshots, _, _ = simulate(finger, fem, self.experiment.observation, self.folder)
         self.choice.spent_s += snapshots.provenance["seconds"]
         return snapshots
@@ -104,7 +104,7 @@ class Climb:
         self.choice.reasons.append(reason)
         self.say(reason)
 
-    def _cheap_rungs(self) -> dict[str, Snapshots]:
+    def _cheap_rungs(self) -> dict[str, Dataset]:
         found = {}
         for name in self.settings.cheap:
             try:
@@ -113,7 +113,7 @@ class Climb:
                 self._explain(f"fem={name} does not fit: {error}")
         return found
 
-    def _weigh(self, cheap: dict[str, Snapshots]) -> None:
+    def _weigh(self, cheap: dict[str, Dataset]) -> None:
         """Leave gravity out if it does nothing."""
         finger = self.choice.finger
         if not np.any(finger.body_force_n_mm3) or not cheap:
@@ -128,17 +128,17 @@ class Climb:
         self.choice.finger = light
         self.choice.dropped_mm += effect
 
-    def _coarse(self) -> Snapshots:
+    def _coarse(self) -> Dataset:
         fem = self._solid(self.settings.meshes[0])
         snapshots = self._simulate(self.choice.finger, fem)
         self._hold(fem, snapshots, SAFETY * estimate_mm(snapshots))
         return snapshots
 
-    def _hold(self, fem: Fem, snapshots: Snapshots, expected_mm: float) -> None:
+    def _hold(self, fem: Fem, snapshots: Dataset, expected_mm: float) -> None:
         """Take a rung for the best so far."""
         self.choice.fem, self.choice.snapshots, self.choice.expected_mm = fem, snapshots, expected_mm
 
-    def _contact(self, coarse: Snapshots) -> None:
+    def _contact(self, coarse: Dataset) -> None:
         report, fem = coarse.provenance["contact"], self.choice.fem
         gap, reach = report["smallest_gap_mm"], getattr(fem, "contact_mm", 0.0) + self.choice.expected_mm
         if report["acted"]:
@@ -152,7 +152,7 @@ class Climb:
             return
         self._plain = {}
 
-    def _accept_cheap(self, cheap: dict[str, Snapshots], coarse: Snapshots) -> bool:
+    def _accept_cheap(self, cheap: dict[str, Dataset], coarse: Dataset) -> bool:
         for name, snapshots in cheap.items():
             moved = largest(coarse.displacements)
             apart = max(largest(snapshots.displacements - coarse.displacements), LEAST_CHEAP * moved)
@@ -165,7 +165,7 @@ class Climb:
             self._explain(f"dimension: not fem={name}, {apart:.2g} mm from the coarse solid")
         return False
 
-    def _material(self, coarse: Snapshots) -> None:
+    def _material(self, coarse: Dataset) -> None:
         """Take neo-Hooke's law for another if that changes nothing."""
         finger, law = self.choice.finger, self.choice.finger.material
         simple = Yeoh(poisson=law.poisson, c1_mpa=law.shear_modulus_mpa / 2, c2_mpa=0.0)
@@ -185,7 +185,7 @@ class Climb:
         self.choice.finger = other
         self.choice.dropped_mm += effect
 
-    def _meshes(self, before: Snapshots) -> None:
+    def _meshes(self, before: Dataset) -> None:
         """Refine until the estimate is within what is allowed."""
         meshes, choice = self.settings.meshes, self.choice
         seconds, last = before.provenance["seconds"], meshes[-1]
@@ -236,7 +236,7 @@ class Climb:
             self._explain(f"NOT MET: the simulation takes {snapshots.provenance['seconds']:.0f} s")
 
 
-def estimate_mm(snapshots: Snapshots) -> float:
+def estimate_mm(snapshots: Dataset) -> float:
     """Estimated largest discretisation error [mm]; inf if it is unknown."""
     error = snapshots.provenance.get("discretisation_error")
     return float(error["largest_mm"]) if error else float("inf")

@@ -76,9 +76,13 @@ def _trial(
         return False
     seconds = time.perf_counter() - began
     choice.spent_s += seconds
-    comparison = Comparison(snapshots, surrogate.predict(snapshots.points, snapshots.pressures_kpa, beyond=True), train)
+    comparison = Comparison(
+        snapshots, surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa, beyond=True), train
+    )
     error = float(np.linalg.norm(comparison.error_mm, axis=2).max())
-    query = median_ms(lambda: surrogate.predict(snapshots.points, float(snapshots.pressures_kpa[-1]), beyond=True))
+    query = median_ms(
+        lambda: surrogate.predict(snapshots.domain.points_mm, float(snapshots.pressures_kpa[-1]), beyond=True)
+    )
     late = query > settings.budget_ms
     over = settings.budget_s is not None and snapshots.provenance["seconds"] + seconds > settings.budget_s
     allowed = settings.tolerance_mm - choice.expected_mm - choice.dropped_mm

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.registry import field_names, names, plugin
-from pgdl_lab.core.snapshots import Snapshots
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.doubt import HOLE, trained
 from pgdl_lab.learning.neural import TrainedModel
@@ -102,7 +102,7 @@ def models(stress: Stress) -> list[str]:
     return [name for name in found if not stress.optimizer or issubclass(plugin("model", name), TrainedModel)]
 
 
-def attempt(stress: Stress, name: str, data: Snapshots, finger: Any, seed: int, updates: int, heard: Heard) -> Result:
+def attempt(stress: Stress, name: str, data: Dataset, finger: Any, seed: int, updates: int, heard: Heard) -> Result:
     """Train and test; raises LabError where the model refuses or stops."""
     how = experiment([f"seed={seed}"])
     train = _points(stress, data, seed)
@@ -123,12 +123,12 @@ def attempt(stress: Stress, name: str, data: Snapshots, finger: Any, seed: int, 
             {},
         )
         surrogate = trained(plugin("model", name)(**stress.model), training)
-        surrogate.predict(data.points, float(data.pressures_kpa[tested]))  # warns of what lies beyond
+        surrogate.predict(data.domain.points_mm, float(data.pressures_kpa[tested]))  # warns of what lies beyond
     surrogate.outside = "ignore"
     return judged(surrogate, data, train, training, tested)
 
 
-def judged(surrogate: Surrogate, data: Snapshots, train: NDArray[np.int64], training: Training, tested: int) -> Result:
+def judged(surrogate: Surrogate, data: Dataset, train: NDArray[np.int64], training: Training, tested: int) -> Result:
     """What is wrong with a surrogate of a `training` on the points `train` of `data`, when asked at `tested`.
 
     Parameters
@@ -151,9 +151,9 @@ def judged(surrogate: Surrogate, data: Snapshots, train: NDArray[np.int64], trai
         causes.append(RANGE)
     if not known <= GOOD:
         causes.append(DATA if _misfit(surrogate, training.samples) <= GOOD else TRAINING)
-    far = _far(data.points[unseen[tested]], training.whole.points_mm)
+    far = _far(data.domain.points_mm[unseen[tested]], training.whole.points_mm)
     guessed = (DATA,) if far.any() and _size(errors[far]) > GOOD * _size(data.displacements[tested]) else ()
-    bars = surrogate.error_bar(data.points[unseen[tested]], kpa)
+    bars = surrogate.error_bar(data.domain.points_mm[unseen[tested]], kpa)
     return Result(error, tuple(causes), () if bars is None else (bar_of(np.abs(errors), bars),), guessed)
 
 
@@ -175,11 +175,11 @@ def bar_of(errors: NDArray[np.float64], bars: NDArray[np.float64]) -> Bar:
 
 
 def _errors(
-    surrogate: Surrogate, data: Snapshots, place: int, which: NDArray[np.bool_]
+    surrogate: Surrogate, data: Dataset, place: int, which: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], float]:
     """Errors (M, 2) [mm] of the nodes `which` (N,) at one pressure; their root mean square, relative to the truth's."""
     truth = data.displacements[place][which]
-    errors = surrogate.predict(data.points[which], float(data.pressures_kpa[place])) - truth
+    errors = surrogate.predict(data.domain.points_mm[which], float(data.pressures_kpa[place])) - truth
     return errors, _size(errors) / _size(truth)
 
 
@@ -192,9 +192,9 @@ def _misfit(surrogate: Surrogate, samples: Samples) -> float:
     return float(np.sqrt(squares / (samples.displacements_mm**2).sum()))
 
 
-def _points(stress: Stress, data: Snapshots, seed: int) -> NDArray[np.int64]:
+def _points(stress: Stress, data: Dataset, seed: int) -> NDArray[np.int64]:
     """Indices (n,) of the training points."""
-    x = data.points[:, 0] / data.points[:, 0].max()
+    x = data.domain.points_mm[:, 0] / data.domain.points_mm[:, 0].max()
     shown = (x < stress.hidden[0]) | (x >= stress.hidden[1])
     seen = data.pressures_kpa <= stress.trained * data.pressures_kpa[-1] * (1 + 1e-9)
     among = np.flatnonzero(seen[:, None] & shown)

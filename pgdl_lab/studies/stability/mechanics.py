@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import field_names, names, plugin
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics import calculix_deck, finite_strain, path
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
@@ -127,7 +128,7 @@ def attempt(stress: Stress, name: str, heard: Heard) -> Result:
     return judged(found, stress)
 
 
-def judged(found: Snapshots, stress: Stress) -> Result:
+def judged(found: Dataset, stress: Stress) -> Result:
     """What is wrong with a simulation of the scene of a stress, by its truth."""
     finger = stress.even or stress.finger
     true = reference(_Same(finger), stress.edge_mm, stress.contact)
@@ -141,24 +142,24 @@ def judged(found: Snapshots, stress: Stress) -> Result:
     return Result(error, tuple(causes), bars)
 
 
-def _error(found: Snapshots, y_mm: float, true: Truth) -> float:
+def _error(found: Dataset, y_mm: float, true: Truth) -> float:
     """Largest error of the side face, and of the way across of the tip, relative to the largest displacement."""
-    x, z = found.points.T
+    x, z = found.domain.points_mm.T
     face = true.at(np.stack([x, np.full_like(x, y_mm), z], axis=1))[:, [0, 2]]
-    tip = np.insert(found.points[found.base[-1]], 1, 0.0)  # in the plane of symmetry
+    tip = np.insert(found.domain.points_mm[found.domain.base[-1]], 1, 0.0)  # in the plane of symmetry
     across, own = true.at(tip[None])[0, 1], 0.0
     if found.body is not None:
-        own = found.body.displacements[-1][np.linalg.norm(found.body.positions - tip, axis=1).argmin(), 1]
+        own = found.body.displacements[-1][np.linalg.norm(found.body.domain.points_mm - tip, axis=1).argmin(), 1]
     size = max(np.linalg.norm(face, axis=1).max(), abs(across))
     return float(max(np.linalg.norm(found.displacements[-1] - face, axis=1).max(), abs(own - across)) / size)
 
 
-def _mesh_bar(found: Snapshots, stated_mm: float, true: Truth) -> Bar:
+def _mesh_bar(found: Dataset, stated_mm: float, true: Truth) -> Bar:
     """The stated change at the tip against the true error there, of the equilibrium that it was stated of."""
     assert found.body is not None
-    x = found.body.positions[:, 0]
+    x = found.body.domain.points_mm[:, 0]
     end = x >= x.max() - END * np.ptp(x)
-    errors = np.linalg.norm(found.body.displacements[-1][end] - true.fine.at(found.body.positions[end]), axis=1)
+    errors = np.linalg.norm(found.body.displacements[-1][end] - true.fine.at(found.body.domain.points_mm[end]), axis=1)
     ratio = float(errors.max() / stated_mm)
     return Bar("mesh", ratio <= WIDE, float((errors <= WIDE * stated_mm).mean()), ratio, ratio)
 

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.snapshots import Body
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.mechanics.vtk import HEXAHEDRON
 
 Array = NDArray[np.float64]
@@ -22,9 +22,9 @@ SIX = np.array([[0, 4, 6, 7], [0, 4, 5, 7], [0, 2, 6, 7], [0, 2, 3, 7], [0, 1, 5
 """Tetrahedra that fill a cube with `CORNERS`."""
 
 
-def overlaps(body: Body) -> bool:
+def overlaps(body: Dataset) -> bool:
     """Whether hexahedra of `body`, and of its mirror image if it is half a body, overlap at its highest pressure."""
-    rest, deformed = _mirrored(body.positions[body.cells], body.displacements[-1][body.cells])
+    rest, deformed = _mirrored(body.domain.points_mm[body.domain.cells], body.displacements[-1][body.domain.cells])
     nodes = rest.shape[1]
     powers = np.array(list(product(range(3), repeat=3)))
     if nodes == 20:  # serendipity: one square at most

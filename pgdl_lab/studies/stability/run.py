@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from pgdl_lab.core import sources
+from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe, plugin
-from pgdl_lab.core.snapshots import Observation, Snapshots
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.running.cache import simulate
 from pgdl_lab.studies.stability import learning, mechanics
@@ -113,7 +114,7 @@ def planned(settings: StabilitySettings, quick: bool, folder: Path) -> list[Plan
         scenes = {"smooth": finger, "touching": _finger({**settings.finger, **settings.touching})}
 
         @cache
-        def data(scene: str) -> Snapshots:
+        def data(scene: str) -> Dataset:
             return _simulated(scenes[scene], folder)
 
         tries = product(range(settings.seeds), learning.stresses(quick))  # a map with fewer seeds comes first
@@ -155,7 +156,7 @@ def _finger(description: dict[str, Any]) -> Finger:
     return made
 
 
-def _simulated(finger: Finger, folder: Path) -> Snapshots:
+def _simulated(finger: Finger, folder: Path) -> Dataset:
     solid = plugin("fem", "solid")(edge_mm=DATA_EDGE_MM, estimate_error=False)
     return simulate(finger, solid, DATA, folder / "snapshots")[0]
 

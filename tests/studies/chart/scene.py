@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pgdl_lab.assessment import latency
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.running.composing import experiment
 from pgdl_lab.studies.chart.bench import Bench
 from pgdl_lab.studies.chart.methods import all_points

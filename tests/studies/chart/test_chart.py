@@ -13,7 +13,7 @@ import pytest
 from pgdl_lab.assessment import latency
 from pgdl_lab.core import registry
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.snapshots import Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.studies.chart import methods
 from pgdl_lab.studies.chart.figure import _missing, draw
 from pgdl_lab.studies.chart.labels import place

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe
-from pgdl_lab.core.snapshots import Observation
 from pgdl_lab.mechanics import memory
 from pgdl_lab.mechanics.elements import ELEMENTS
 from pgdl_lab.mechanics.finger import Finger
@@ -20,7 +20,7 @@ from pgdl_lab.studies.choosing.choice import Choice
 from pgdl_lab.studies.choosing.climb import check_scene, largest
 from pgdl_lab.studies.choosing.settings import ChooseSettings
 from pgdl_lab.tasks.choose import choose
-from tests.conftest import Lab
+from tests.conftest import CHECKOUT, Lab
 from tests.fingers import pneunet
 
 OBSERVATION = Observation(10, 400)
@@ -46,7 +46,7 @@ def error_mm(folder: Path, choice: Choice, finger: Finger) -> float:
     which = reference.among(choice.snapshots.pressures_kpa)
     found = choice.snapshots.displacements[which]
     if choice.surrogate:
-        found = choice.surrogate.predict(choice.snapshots.points, choice.snapshots.pressures_kpa[which])
+        found = choice.surrogate.predict(choice.snapshots.domain.points_mm, choice.snapshots.pressures_kpa[which])
     return largest(found - reference.displacements)
 
 
@@ -122,6 +122,6 @@ def test_a_quick_query_needs_a_model_to_choose_from() -> None:
 
 
 def test_a_mesh_of_ones_own_is_refused() -> None:
-    scene = experiment(["finger=mesh", f"finger.path={Path(__file__).parents[2] / 'examples' / 'finger.msh'}"])
+    scene = experiment(["finger=mesh", f"finger.path={CHECKOUT / 'examples' / 'finger.msh'}"])
     with pytest.raises(InputError, match="no mesh can be chosen"):
         check_scene(scene)

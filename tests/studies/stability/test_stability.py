@@ -10,8 +10,10 @@ import pytest
 from omegaconf import OmegaConf
 
 from pgdl_lab.core import paths, registry, sources
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError, LabError
-from pgdl_lab.core.snapshots import Body, Observation
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.doubt import trained
 from pgdl_lab.learning.scene import Scene
@@ -182,7 +184,7 @@ def leaning_by(share: float) -> truth.Truth:
 def test_who_gives_way_to_a_side_must_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     (stress,) = [each for each in mechanics.stresses(FINGER, True) if each.axis == "gravity"]
     found = registry.plugin("fem", "section")(edge_mm=12.0).simulate(stress.finger, mechanics.OBSERVATION)
-    bent = leaning_by(0.0).at(np.insert(found.points, 1, 8.0, axis=1))[:, [0, 2]]
+    bent = leaning_by(0.0).at(np.insert(found.domain.points_mm, 1, 8.0, axis=1))[:, [0, 2]]
     found.displacements[-1] = bent
     monkeypatch.setattr(mechanics, "reference", lambda *_: leaning_by(0.04))
     upright = mechanics.judged(found, stress)
@@ -207,10 +209,10 @@ def test_a_ceiling_that_passes_through_its_floor_is_seen_without_the_code_of_con
 def test_half_a_body_overlaps_with_its_mirror_image(nodes: int) -> None:
     """A brick beside the plane y = 0, 0.5 mm from it, that is moved across."""
 
-    def moved(y_mm: float) -> Body:
+    def moved(y_mm: float) -> Dataset:
         at = 2 * HEXAHEDRON[:nodes] + [0.0, 0.5, 0.0]
         shift = np.broadcast_to([0.0, y_mm, 0.0], (1, nodes, 3))
-        return Body(at, np.arange(nodes)[None], f"hexahedron{nodes}", np.array([1.0]), shift)
+        return Dataset.path(Domain(at, np.arange(nodes)[None], f"hexahedron{nodes}"), np.array([1.0]), shift)
 
     assert [overlaps(moved(y_mm)) for y_mm in (0.0, -0.5, -0.52, -0.54, -1.0)] == [False, False, False, True, True]
 
@@ -263,7 +265,7 @@ def test_bars_hold_where_a_stretch_has_no_training_points(data: Any) -> None:
 
 def test_one_missing_corner_at_the_clamp_is_no_guess(data: Any, tmp_path: Path) -> None:
     """The clamp does not move, which is known: what lies beside it is near to something that is."""
-    share = data.points[:, 0] / data.points[:, 0].max()
+    share = data.domain.points_mm[:, 0] / data.domain.points_mm[:, 0].max()
     for hidden, warned in ((share < 0.12, False), (share > 0.3, True)):
         shown = np.flatnonzero(~np.tile(hidden, len(data.pressures_kpa)))[::3]
         training = learning.Training.of(

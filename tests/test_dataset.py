@@ -21,9 +21,12 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
+from pgdl_lab.core.dataset import DISPLACEMENT, Dataset
+from pgdl_lab.core.dataset_file import DamagedDataset
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import plugin
-from pgdl_lab.core.snapshots import Body, DamagedSnapshots, Observation, Snapshots
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.resultcheck import doubts
@@ -33,46 +36,44 @@ from pgdl_lab.tasks import simulate as task
 from tests.fingers import OBSERVATION, balloon, pneunet, solid
 
 
-def small() -> Snapshots:
+def small() -> Dataset:
     random = np.random.default_rng(0)
-    return Snapshots(
-        points=random.normal(size=(5, 2)),
-        triangles=np.array([[0, 1, 2], [2, 3, 4]]),
-        base=np.array([0, 1]),
-        clamp=np.array([0]),
-        pressures_kpa=np.array([1.0, 2.0, 3.0]),
-        displacements=random.normal(size=(3, 5, 2)),
-        body=Body(
-            positions=random.normal(size=(8, 3)),
-            cells=np.arange(8)[None],
-            cell_type="hexahedron",
-            pressures_kpa=np.array([0.0, 3.0]),
-            displacements=random.normal(size=(2, 8, 3)),
-        ),
+    face = Domain(
+        random.normal(size=(5, 2)), np.array([[0, 1, 2], [2, 3, 4]]), base=np.array([0, 1]), clamp=np.array([0])
+    )
+    brick = Domain(random.normal(size=(8, 3)), np.arange(8)[None], "hexahedron")
+    return Dataset.path(
+        face,
+        np.array([1.0, 2.0, 3.0]),
+        random.normal(size=(3, 5, 2)),
+        body=Dataset.path(brick, np.array([0.0, 3.0]), random.normal(size=(2, 8, 3))),
         provenance={"finger": {"name": "pneunet", "gap_mm": 1.0}, "versions": {"numpy": "2"}},
     )
 
 
-def assert_equal(one: Snapshots, other: Snapshots) -> None:
-    for name in ("points", "triangles", "base", "clamp", "pressures_kpa", "displacements"):
+def assert_equal(one: Dataset, other: Dataset) -> None:
+    for name in ("points_mm", "cells", "base", "clamp"):
+        np.testing.assert_array_equal(getattr(one.domain, name), getattr(other.domain, name))
+    for name in ("cases", "simulation", "displacements", "pressures_kpa"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one.inputs == other.inputs and one.domain.cell_type == other.domain.cell_type
     assert one.provenance == other.provenance
 
 
 def test_file_gives_back_what_was_written(tmp_path: Path) -> None:
     written = small()
     written.save(tmp_path / "a.h5")
-    read = Snapshots.load(tmp_path / "a.h5")
+    read = Dataset.load(tmp_path / "a.h5")
     assert_equal(read, written)
     assert read.body is not None and written.body is not None
-    assert read.body.cell_type == "hexahedron"
+    assert read.body.domain.cell_type == "hexahedron"
     np.testing.assert_array_equal(read.body.displacements, written.body.displacements)
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
 def test_no_body(tmp_path: Path) -> None:
     replace(small(), body=None).save(tmp_path / "a.h5")
-    assert Snapshots.load(tmp_path / "a.h5").body is None
+    assert Dataset.load(tmp_path / "a.h5").body is None
 
 
 @pytest.mark.parametrize("kept", [0, 100, 2000, -1])
@@ -80,8 +81,8 @@ def test_truncated_file_is_recognised(tmp_path: Path, kept: int) -> None:
     small().save(tmp_path / "a.h5")
     whole = (tmp_path / "a.h5").read_bytes()
     (tmp_path / "a.h5").write_bytes(whole[:kept])
-    with pytest.raises(DamagedSnapshots, match=r"a\.h5"):
-        Snapshots.load(tmp_path / "a.h5")
+    with pytest.raises(DamagedDataset, match=r"a\.h5"):
+        Dataset.load(tmp_path / "a.h5")
 
 
 def test_altered_number_is_recognised(tmp_path: Path) -> None:
@@ -91,32 +92,48 @@ def test_altered_number_is_recognised(tmp_path: Path) -> None:
     number = written.displacements[1, 2, 0].tobytes()
     assert content.count(number) == 1
     (tmp_path / "a.h5").write_bytes(content.replace(number, np.float64(7.0).tobytes()))
-    with pytest.raises(DamagedSnapshots):
-        Snapshots.load(tmp_path / "a.h5")
+    with pytest.raises(DamagedDataset):
+        Dataset.load(tmp_path / "a.h5")
 
 
 def test_foreign_files_are_recognised(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["points"] = np.zeros(3)
-    with pytest.raises(DamagedSnapshots, match="does not hold snapshots of pgdl_lab"):
-        Snapshots.load(tmp_path / "a.h5")
+        file["points_mm"] = np.zeros(3)
+    with pytest.raises(DamagedDataset, match="does not hold a dataset of pgdl_lab"):
+        Dataset.load(tmp_path / "a.h5")
     (tmp_path / "b.h5").write_text("x,z,p\n1,2,3\n")
-    with pytest.raises(DamagedSnapshots, match="no readable snapshot file"):
-        Snapshots.load(tmp_path / "b.h5")
+    with pytest.raises(DamagedDataset, match="no readable dataset"):
+        Dataset.load(tmp_path / "b.h5")
 
 
 def test_other_version_is_named(tmp_path: Path) -> None:
     small().save(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file.attrs["version"] = 99
-    with pytest.raises(DamagedSnapshots, match="version 99 of the format, but this is version 1"):
-        Snapshots.load(tmp_path / "a.h5")
+    with pytest.raises(DamagedDataset, match="version 99 of the format, but this is version 2"):
+        Dataset.load(tmp_path / "a.h5")
+
+
+def test_files_of_the_first_version_are_read(tmp_path: Path) -> None:
+    known, body = small(), small().body
+    assert body is not None
+    with h5py.File(tmp_path / "old.h5", "w") as file:
+        file.attrs.update(format="pgdl_lab snapshots", version=1, provenance=json.dumps(known.provenance))
+        domain, brick, group = known.domain, body.domain, file.create_group("body")
+        file["points"], file["triangles"], file["base"] = domain.points_mm, domain.cells, domain.base
+        file["clamp"], file["pressures_kpa"], file["displacements"] = domain.clamp, [1.0, 2.0, 3.0], known.displacements
+        group["positions"], group["cells"], group["pressures_kpa"] = brick.points_mm, brick.cells, [0.0, 3.0]
+        group["displacements"], group.attrs["cell_type"] = body.displacements, "hexahedron"
+    read = Dataset.load(tmp_path / "old.h5")
+    assert_equal(read, known)
+    assert read.body is not None
+    assert_equal(read.body, body)
 
 
 def test_arrays_that_do_not_fit_are_refused(tmp_path: Path) -> None:
-    replace(small(), displacements=np.zeros((2, 5, 2))).save(tmp_path / "a.h5")
-    with pytest.raises(DamagedSnapshots, match="do not fit together"):
-        Snapshots.load(tmp_path / "a.h5")
+    replace(small(), fields={DISPLACEMENT: np.zeros((2, 5, 2))}).save(tmp_path / "a.h5")
+    with pytest.raises(DamagedDataset, match="do not fit together"):
+        Dataset.load(tmp_path / "a.h5")
 
 
 def _put(name: str, **settings: Any) -> Callable[[h5py.File], None]:
@@ -137,41 +154,44 @@ def _set(name: str, value: Any) -> Callable[[h5py.File], None]:
 
 
 def _linked(file: h5py.File) -> None:
-    del file["points"]
-    file["points"] = h5py.ExternalLink("whole.h5", "/points")
+    del file["points_mm"]
+    file["points_mm"] = h5py.ExternalLink("whole.h5", "/points_mm")
 
 
 def _virtual(file: h5py.File) -> None:
-    del file["points"]
+    del file["points_mm"]
     layout = h5py.VirtualLayout((5, 2), float)
-    layout[:] = h5py.VirtualSource("whole.h5", "points", (5, 2))
-    file.create_virtual_dataset("points", layout)
+    layout[:] = h5py.VirtualSource("whole.h5", "points_mm", (5, 2))
+    file.create_virtual_dataset("points_mm", layout)
 
 
 def _named_often(file: h5py.File) -> None:
     for number in range(4000):
-        file[str(number)] = file["displacements"]
+        file[str(number)] = file["fields/displacement_mm"]
 
 
 HOSTILE: dict[str, tuple[Callable[[h5py.File], None], str]] = {
-    "shape": (_put("displacements", shape=(3, 10**8, 2), chunks=(1, 1000, 2)), "ask for 4,800,.* explain at most"),
-    "piece": (
-        _put("displacements", shape=(3, 5, 2), maxshape=(None,) * 3, chunks=(1, 10**8, 2)),
-        "up to 'displacements' its arrays ask for 1,600,000",
+    "shape": (
+        _put("fields/displacement_mm", shape=(3, 10**8, 2), chunks=(1, 1000, 2)),
+        "ask for 4,800,.* explain at most",
     ),
-    "linked": (_linked, "'points' is a link to the file 'whole.h5'"),
-    "outside": (_put("points", shape=(5, 2), external=[("/etc/passwd", 0, 80)]), "its numbers in other files"),
-    "virtual": (_virtual, "'points' keeps its numbers in other files"),
-    "objects": (_put("points", shape=(5, 2), dtype=h5py.vlen_dtype(np.float64)), "'points' holds objects"),
-    "references": (_put("points", shape=(5, 2), dtype=h5py.ref_dtype), "'points' holds objects"),
-    "texts": (_put("points", shape=(5, 2), dtype=h5py.string_dtype()), "'points' is of type object"),
+    "piece": (
+        _put("fields/displacement_mm", shape=(3, 5, 2), maxshape=(None,) * 3, chunks=(1, 10**8, 2)),
+        "up to 'fields/displacement_mm' its arrays ask for 1,600,000",
+    ),
+    "linked": (_linked, "'points_mm' is a link to the file 'whole.h5'"),
+    "outside": (_put("points_mm", shape=(5, 2), external=[("/etc/passwd", 0, 80)]), "its numbers in other files"),
+    "virtual": (_virtual, "'points_mm' keeps its numbers in other files"),
+    "objects": (_put("points_mm", shape=(5, 2), dtype=h5py.vlen_dtype(np.float64)), "'points_mm' holds objects"),
+    "references": (_put("points_mm", shape=(5, 2), dtype=h5py.ref_dtype), "'points_mm' holds objects"),
+    "texts": (_put("points_mm", shape=(5, 2), dtype=h5py.string_dtype()), "'.*points_mm' is of type object"),
     "attribute": (lambda file: file.attrs.update(version=np.array(["1"] * 2, dtype=object)), "'version' holds objects"),
-    "packed": (_put("points", data=np.zeros((5, 2)), compression="gzip"), "'points' is packed"),
+    "packed": (_put("points_mm", data=np.zeros((5, 2)), compression="gzip"), "'points_mm' is packed"),
     "named often": (_named_often, "its arrays ask for"),
-    "integers": (_put("points", data=np.zeros((5, 2)), dtype="i8"), "'points' is of type int64"),
+    "integers": (_put("points_mm", data=np.zeros((5, 2)), dtype="i8"), "do not fit together"),
     "no provenance": (lambda file: file.attrs.update(provenance="[]"), "do not fit together"),
-    "negative": (_set("triangles", -1), "do not fit together"),
-    "not finite": (_set("points", np.nan), "do not fit together"),
+    "negative": (_set("cells", -1), "do not fit together"),
+    "not finite": (_set("points_mm", np.nan), "do not fit together"),
     "no node": (_set("body/cells", 99), "do not fit together"),
 }
 
@@ -184,8 +204,8 @@ def test_hostile_files_are_refused_before_they_are_read(case: str, tmp_path: Pat
     with h5py.File(tmp_path / "a.h5", "a") as file:
         change(file)
     tracemalloc.start()
-    with pytest.raises(DamagedSnapshots, match=rf"a\.h5 .*{words}"):
-        Snapshots.load(tmp_path / "a.h5")
+    with pytest.raises(DamagedDataset, match=rf"a\.h5 .*{words}"):
+        Dataset.load(tmp_path / "a.h5")
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 5_000_000
@@ -205,7 +225,7 @@ class Counting(Fem):
     notes: str = ""
     seconds: float = 0.0
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         with Path(self.notes).open("a") as file:
             file.write(f"{os.getpid()}\n")
         time.sleep(self.seconds)
@@ -256,7 +276,7 @@ class Doubting(Fem):
     name = "doubting"
     stops: bool = False
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         log = logging.getLogger("pgdl_lab.plugins.fem.doubting")
         for kpa in (3.0, 3.0):
             log.warning("The equilibria at %g kPa are unstable.", kpa)
@@ -276,7 +296,7 @@ def test_what_a_simulation_warned_of_is_told_whenever_it_is_used(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     first, path, _ = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
-    assert first.warnings == Snapshots.load(path).warnings == TOLD
+    assert first.warnings == Dataset.load(path).warnings == TOLD
     for _ in range(2):
         caplog.clear()
         again, _, cached = simulate(pneunet(), Doubting(), OBSERVATION, tmp_path)
@@ -296,7 +316,7 @@ def test_what_a_stopped_simulation_warned_of_is_kept(tmp_path: Path) -> None:
     with pytest.raises(SimulationStopped):
         simulate(pneunet(), Doubting(stops=True), OBSERVATION, tmp_path)
     (kept,) = tmp_path.glob("*-stopped.h5")
-    assert Snapshots.load(kept).warnings == TOLD
+    assert Dataset.load(kept).warnings == TOLD
 
 
 def _simulate_in(folder: str, notes: str, seconds: float) -> None:
@@ -339,7 +359,7 @@ def test_burst_keeps_what_converged(tmp_path: Path) -> None:
         simulate(balloon(), solid(), OBSERVATION, tmp_path)
     (kept,) = tmp_path.glob("*-stopped.h5")
     assert str(kept) in str(caught.value)
-    snapshots = Snapshots.load(kept)
+    snapshots = Dataset.load(kept)
     assert 0 < len(snapshots.pressures_kpa) < OBSERVATION.snapshots
     assert snapshots.pressures_kpa[-1] <= 300
     limit, reached = snapshots.provenance["limit_kpa"], snapshots.provenance["equilibria_kpa"][-1]
@@ -354,10 +374,12 @@ class Stopping(Counting):
     name = "stopping"
     converged: int = 2
 
-    def simulate(self, finger: Finger, observation: Observation) -> Snapshots:
+    def simulate(self, finger: Finger, observation: Observation) -> Dataset:
         whole = super().simulate(finger, observation)
         kept = slice(0, self.converged)
-        found = replace(whole, pressures_kpa=whole.pressures_kpa[kept], displacements=whole.displacements[kept])
+        found = Dataset.path(
+            whole.domain, whole.pressures_kpa[kept], whole.displacements[kept], provenance=whole.provenance
+        )
         raise SimulationStopped(f"It stopped after {self.converged} snapshots.", found)
 
 

@@ -1,0 +1,34 @@
+"""What of a simulation is observed: how many pressures, and how many points of the side face."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pgdl_lab.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What of a simulation is kept.
+
+    Attributes
+    ----------
+    snapshots
+        Number of equal pressure sub-steps from zero (excluded) to the highest pressure (included).
+    points
+        Number of points of the side face.
+    """
+
+    snapshots: int = 100
+    points: int = 4439
+
+    def __post_init__(self) -> None:
+        if self.snapshots < 1:
+            raise InputError(f"observation.snapshots is {self.snapshots}; at least 1 pressure must be observed.")
+        if self.points < 4:
+            raise InputError(f"observation.points is {self.points}; at least 4 points are needed to cover a face.")
+
+    def pressures_kpa(self, max_kpa: float) -> NDArray[np.float64]:
+        """Observed pressures (P,) [kPa] up to and including `max_kpa` [kPa]."""
+        return max_kpa * np.arange(1, self.snapshots + 1) / self.snapshots
