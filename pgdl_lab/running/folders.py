@@ -119,7 +119,7 @@ def stored_surrogate(folder: Path) -> "Surrogate":
     InputError
         If it holds none.
     """
-    from pgdl_lab import load
+    from pgdl_lab.surrogate.loading import load
 
     path = folder / "surrogate.pt"
     if not path.is_file():
