@@ -80,7 +80,7 @@ def test_refusals_name_the_remedy(data: lab.Dataset) -> None:
         lab.train(data)
     with pytest.raises(lab.InputError, match="make them with pgdl_lab.simulate"):
         lab.train(replace(data, provenance={}))
-    with pytest.raises(lab.InputError, match="pressure_kpa is 11; these snapshots go from 1 to 10 kPa"):
+    with pytest.raises(lab.InputError, match="pressure_kpa is 11; this dataset goes from 1 to 10 kPa"):
         data.plot(11.0)
 
 

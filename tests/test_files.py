@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pgdl_lab.core import files, snapshots
+from pgdl_lab.core import dataset_file, files
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.dataset_file import DamagedDataset
 from pgdl_lab.core.errors import LabError
@@ -64,10 +64,10 @@ def held(path: Path) -> Iterator[None]:
         yield
 
 
-def test_dataset_that_another_program_holds_are_not_called_damaged(
+def test_a_dataset_that_another_program_holds_is_not_called_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(snapshots, "BUSY_S", 0.3)
+    monkeypatch.setattr(dataset_file, "BUSY_S", 0.3)
     fem = Counting(notes=str(tmp_path / "notes"))
     _, path, _ = simulate(pneunet(), fem, OBSERVATION, tmp_path / "cache")
     with held(path), pytest.raises(LabError, match=r"is held by another program .*: close it there") as told:

@@ -125,7 +125,8 @@ def simulated(of_edge: Callable[[float], float], edge: float = 2.0) -> Reference
     """The reference from meshes whose displacements have a relative error."""
 
     def mesh(length: float) -> Any:
-        return SimpleNamespace(displacements=EXACT * (1 + of_edge(length)), base=np.array([0, 1]))
+        domain = SimpleNamespace(base=np.array([0, 1]))
+        return SimpleNamespace(displacements=EXACT * (1 + of_edge(length)), domain=domain)
 
     return Reference(mesh(2 * edge), mesh(edge), mesh(edge / 2), (edge, edge / 2), (Path(), Path()))
 
