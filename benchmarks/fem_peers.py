@@ -27,7 +27,7 @@ from pgdl_lab.mechanics.finger import Finger
 
 @dataclass(frozen=True)
 class Timed:
-    """Dataset, and the wall and processor time [s] they took."""
+    """Snapshots, and the wall and processor time [s] they took."""
 
     snapshots: Dataset
     wall_s: float

@@ -2,7 +2,7 @@
 
     python benchmarks/regressors.py [finger ...]
 
-Trees and thin-plate splines are compared here alone; the Gaussian process is a model of the lab. Dataset of a finger
+Trees and thin-plate splines are compared here alone; the Gaussian process is a model of the lab. Snapshots of a finger
 are taken from the cache, or simulated; the split is `random`.
 """
 

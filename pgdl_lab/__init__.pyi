@@ -29,12 +29,12 @@ from pgdl_lab.mechanics.finger import ExtrudedFinger as ExtrudedFinger
 from pgdl_lab.mechanics.finger import Finger as Finger
 from pgdl_lab.mechanics.material import Material as Material
 from pgdl_lab.mechanics.material import Yeoh as Yeoh
+from pgdl_lab.surrogate.limits import Outside as Outside
+from pgdl_lab.surrogate.limits import TooFar as TooFar
 from pgdl_lab.surrogate.loading import load as load
 from pgdl_lab.surrogate.probe import Probe as Probe
 from pgdl_lab.surrogate.record import Record as Record
-from pgdl_lab.surrogate.surrogate import Outside as Outside
 from pgdl_lab.surrogate.surrogate import Surrogate as Surrogate
-from pgdl_lab.surrogate.surrogate import TooFar as TooFar
 
 __version__: str
 __all__: list[str]

@@ -137,6 +137,6 @@ def train(
 def _finger(data: Dataset) -> Any:
     """The finger that `data` are of; raises InputError when they do not say or know it."""
     if "finger" not in data.provenance:
-        raise InputError("These snapshots do not say which finger they are of: make them with pgdl_lab.simulate.")
+        raise InputError("This dataset does not say which finger it is of: make it with pgdl_lab.simulate.")
     discover("finger", "material")
     return OmegaConf.to_object(restored("finger", data.provenance["finger"]))

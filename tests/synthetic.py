@@ -64,7 +64,7 @@ def bend(points: NDArray[np.float64], kpa: float) -> NDArray[np.float64]:
 
 
 def snapshots(cell_mm: float = 0.7, count: int = 100) -> Dataset:
-    """Dataset of about 4,000 points (2.5 mm cells: about 400) at `count` equal pressure steps to 50 kPa."""
+    """Snapshots of about 4,000 points (2.5 mm cells: about 400) at `count` equal pressure steps to 50 kPa."""
     points, triangles = comb(cell_mm)
     pressures = MAX_KPA * np.arange(1, count + 1) / count
     base = np.flatnonzero(points[:, 1] == 0)

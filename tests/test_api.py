@@ -78,7 +78,7 @@ def test_refusals_name_the_remedy(data: lab.Dataset) -> None:
         lab.simulate("pneunt")
     with pytest.raises(lab.InputError, match="ask for fewer or raise observation.points"):
         lab.train(data)
-    with pytest.raises(lab.InputError, match="make them with pgdl_lab.simulate"):
+    with pytest.raises(lab.InputError, match="make it with pgdl_lab.simulate"):
         lab.train(replace(data, provenance={}))
     with pytest.raises(lab.InputError, match="pressure_kpa is 11; this dataset goes from 1 to 10 kPa"):
         data.plot(11.0)

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from pgdl_lab.core.dataset import DISPLACEMENT, Dataset
-from pgdl_lab.core.dataset_file import DamagedDataset
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import DISPLACEMENT, DamagedDataset
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.core.observation import Observation

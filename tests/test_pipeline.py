@@ -6,6 +6,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +16,11 @@ from mlflow import MlflowClient
 from mlflow.entities import Run
 
 import pgdl_lab
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.running import composing, pipeline
 from pgdl_lab.running.folders import RUN_ID
 from tests.conftest import Lab, environment
+from tests.trainings import small
 
 WARNING = "The made-up finger is a comb."
 FEM = '''
@@ -30,7 +35,7 @@ from tests.synthetic import snapshots
 @register("fem", "made_up")
 @dataclass(frozen=True)
 class MadeUp(Fem):
-    """Dataset out of a formula; each simulation leaves a line in a file."""
+    """Snapshots out of a formula; each simulation leaves a line in a file."""
 
     def simulate(self, finger, observation):
         logging.getLogger(__name__).warning("WARNING")
@@ -149,3 +154,25 @@ def test_a_killed_training_goes_on_where_it_was(lab: Lab, tmp_path: Path) -> Non
     assert history[: len(before)] == before  # the times in it would differ if it had begun anew
     assert len(history) > len(before)
     assert history[-1]["seconds"] == pytest.approx(4, abs=1)
+
+
+def test_a_surrogate_that_cannot_be_told_its_error_is_there_all_the_same(
+    tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    made = composing.experiment(["model=pod", "split.points=500", "yardstick=null"])
+    monkeypatch.setattr(pipeline, "simulate", lambda *_: (small(), root / "snapshots.h5", True))
+    saved: list[Path] = []
+    original = pgdl_lab.Surrogate.save
+
+    def save(surrogate: pgdl_lab.Surrogate, path: Path) -> None:
+        saved.append(path)
+        if len(saved) == 2:
+            raise LabError("The disk is full.")
+        original(surrogate, path)
+
+    monkeypatch.setattr(pgdl_lab.Surrogate, "save", save)
+    tracked: Any = SimpleNamespace(log_snapshots=lambda *_: None, log_metrics=lambda *_: None, flush=lambda: None)
+    metrics = pipeline.run(made, tmp_path, tracked)
+    assert len(saved) == 2 and "does not tell its own error: The disk is full." in caplog.text
+    assert json.loads((tmp_path / "metrics.json").read_text())["surrogate_error"] == metrics["surrogate_error"]
+    assert pgdl_lab.load(tmp_path / "surrogate.pt").error == {}

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.export import torch_form
+from pgdl_lab.surrogate.limits import Outside, TooFar
 from pgdl_lab.surrogate.probe import Probe
 from pgdl_lab.surrogate.record import Record
-from pgdl_lab.surrogate.surrogate import Outside, Surrogate, TooFar
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 SQUARE = Domain(
     np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0], [10.0, 10.0]]),

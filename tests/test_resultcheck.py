@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from pgdl_lab.core import registry
-from pgdl_lab.core.dataset import DISPLACEMENT, Dataset
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import DISPLACEMENT
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped

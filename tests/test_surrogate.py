@@ -14,7 +14,8 @@ import pgdl_lab
 from pgdl_lab.core.domain import NONE
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import plugin
-from pgdl_lab.surrogate.surrogate import Outside, Surrogate, TooFar
+from pgdl_lab.surrogate.limits import Outside, TooFar
+from pgdl_lab.surrogate.surrogate import Surrogate
 from tests.surrogates import MODELS, trained
 from tests.trainings import small, training
 

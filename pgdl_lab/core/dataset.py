@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.dataset_file import DamagedDataset, Tree, read, unreadable, write
+from pgdl_lab.core.dataset_file import DISPLACEMENT, DamagedDataset, Tree, read, unreadable, write
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.heard import WARNINGS
@@ -21,8 +21,6 @@ from pgdl_lab.core.plotting import picture, plot_face
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-DISPLACEMENT = "displacement_mm"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.files import replacing
 from pgdl_lab.core.hdf5 import require_contained
+from pgdl_lab.core.inputs import pressure
 
 FORMAT = "pgdl_lab dataset"
 VERSION = 2
+DISPLACEMENT = "displacement_mm"  # the field that every dataset has
 FORMAT_1 = "pgdl_lab snapshots"  # of version 1: the side face at rising pressures
 DTYPES = (np.float64, np.int64)
 BUSY_S = 10.0  # for which another program may write to a file
@@ -141,11 +144,11 @@ def _read_1(file: Any) -> Tree:
 def _path(points: NDArray[Any], cells: NDArray[Any], cell_type: str, arrays: Tree) -> Tree:
     """The tree of one simulation at rising pressures, without a base line."""
     kpa, none = arrays["pressures_kpa"], np.empty(0, dtype=np.int64)
-    asked = {"name": "pressure_kpa", "unit": "kPa", "low": 0.0, "high": float(kpa.max(initial=0.0))}
+    inputs = [asdict(each) for each in pressure(float(kpa.max(initial=0.0)))]
     return {
-        "provenance": {}, "cell_type": cell_type, "inputs": [asked], "points_mm": points, "cells": cells, "base": none,
+        "provenance": {}, "cell_type": cell_type, "inputs": inputs, "points_mm": points, "cells": cells, "base": none,
         "clamp": none, "cases": kpa[:, None], "simulation": np.zeros(len(kpa), dtype=np.int64),
-        "fields": {"displacement_mm": arrays["displacements"]},
+        "fields": {DISPLACEMENT: arrays["displacements"]},
     }  # fmt: skip
 
 

@@ -79,7 +79,8 @@ class Domain:
     def interpolate(self, nodal: NDArray[np.float64], points_mm: Floats) -> Floats:
         """Values (…, M, k) at points (M, d) [mm] of a field with values (…, N, k) at the nodes.
 
-        Linear between neighbouring nodes; a point off the domain counts as the nearest one of its outline.
+        Linear between neighbouring nodes, of hexahedra with 20 nodes between corners; a point off the domain counts as
+        the nearest one of its outline.
         """
         corners, weights = self.locate(points_mm)
         return np.einsum("mc,...mck->...mk", weights, nodal[..., corners, :])

@@ -85,7 +85,7 @@ class Split(ABC):
     def selection_points(self, snapshots: Dataset, train: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
         """Sorted indices (m,) of points that a search selects by: neither trained on nor tested on.
 
-        They are a tenth of the points of the seen snapshots that are not trained on, at most `SELECTED`. Dataset that
+        They are a tenth of the points of the seen snapshots that are not trained on, at most `SELECTED`. Snapshots that
         give no training points are left to the test as a whole: who selects by them knows what they look like.
 
         Parameters

@@ -16,7 +16,8 @@ from pgdl_lab.core.heard import WARNINGS, heard
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.model import Model
 from pgdl_lab.surrogate.calibration import NORMAL
-from pgdl_lab.surrogate.surrogate import Outside, Surrogate
+from pgdl_lab.surrogate.limits import Outside
+from pgdl_lab.surrogate.surrogate import Surrogate
 
 _log = logging.getLogger(__name__)
 

@@ -67,7 +67,7 @@ def simulate(
     tolerances_mm: tuple[float, float],
     caution: str,
 ) -> Dataset:
-    """Dataset of `finger` by the model that `make` returns.
+    """Snapshots of `finger` by the model that `make` returns.
 
     Parameters
     ----------

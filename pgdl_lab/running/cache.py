@@ -68,7 +68,7 @@ def _classes(value: Any) -> Iterator[type]:
 
 
 def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Dataset, Path, bool]:
-    """Dataset of a simulation, from `folder` if they are there, else computed and kept there.
+    """Snapshots of a simulation, from `folder` if they are there, else computed and kept there.
 
     Runs that ask for the same simulation at the same time wait for the first of them. What the simulation warned of
     is told each time, and kept with the snapshots.
@@ -132,7 +132,7 @@ def _kept(path: Path) -> Dataset | None:
 
 
 def _computed(fem: Fem, finger: Finger, observation: Observation) -> Dataset:
-    """Dataset of a simulation, with what was warned of and, if it stopped, why."""
+    """Snapshots of a simulation, with what was warned of and, if it stopped, why."""
     with heard() as sentences:
         try:
             snapshots = fem.simulate(finger, observation)

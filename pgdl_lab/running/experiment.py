@@ -128,7 +128,7 @@ class Experiment:
         Parameters
         ----------
         data
-            Dataset of this experiment's finger.
+            The snapshots of this experiment's finger.
         train
             Their indices, see `Samples.of`.
         folder

@@ -13,6 +13,8 @@ from pgdl_lab.assessment.assess import Labels, assess
 from pgdl_lab.assessment.paper import comparable
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.core import paths
+from pgdl_lab.core.errors import LabError
+from pgdl_lab.core.heard import ASIDE
 from pgdl_lab.core.registry import describe
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.doubt import trained
@@ -72,7 +74,7 @@ def run(
         "simulate": snapshots.provenance.get("seconds", waited),
         "simulate_cached": waited if cached else 0.0,
     }
-    _log.info("Dataset %s: %s", "from the cache" if cached else "computed", path)
+    _log.info("Snapshots %s: %s", "from the cache" if cached else "computed", path)
     tracked.log_snapshots(snapshots, path)
 
     train = experiment.split.train_points(snapshots, seed)
@@ -104,7 +106,10 @@ def run(
     parts = train, selection, experiment.split
     assessment = assess(surrogate, snapshots, *parts, labels, seconds, folder, training, yardstick)
     surrogate.record.provenance[ERROR] = assessment.metrics["surrogate_error"]
-    surrogate.save(folder / "surrogate.pt")
+    try:
+        surrogate.save(folder / "surrogate.pt")
+    except LabError as problem:  # the one saved before lacks this number alone
+        _log.warning("surrogate.pt does not tell its own error: %s", problem, extra=ASIDE)
     paper = comparable(finger, experiment.split)
     Console().print(closing_table(assessment.metrics, assessment.highlights, paper))
     _log.info("Everything of this run is in %s", folder)

@@ -75,7 +75,7 @@ def read(path: Path) -> dict[str, Any]:
     if data.startswith(HDF5):
         raise InputError(
             f"{path} is no surrogate but an HDF5 file, such as the snapshots of a simulation: open it by "
-            "pgdl_lab.core.dataset.Dataset.load or h5py, and give the surrogate.pt of a run here."
+            "pgdl_lab.Dataset.load or h5py, and give the surrogate.pt of a run here."
         )
     zipped = data.startswith(b"PK")
     if zipped and b"/data.pkl" in data[:NAMED]:

@@ -8,11 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.errors import InputError
+
 AT_REST = 0.1  # of the highest trained pressure: if the lowest lies below that, all from 0 kPa on count as trained
 ROUNDING = 1e-6  # of the largest trained pressure in size: what a controller's sums may lie off the trained ones
 BEYOND = 1.25  # times the highest trained pressure: as far as a surrogate answers; see docs/export.md
 
 Floats = NDArray[np.float64]
+
+
+class Outside(UserWarning):
+    """A question that the surrogate was not trained for."""
+
+
+class TooFar(InputError):
+    """A pressure so far outside the trained ones that an answer would be worth nothing."""
 
 
 @dataclass(frozen=True)

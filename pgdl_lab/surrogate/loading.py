@@ -20,7 +20,7 @@ from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES, Shapes, require
 from pgdl_lab.surrogate.surrogate import FORMAT, VERSION, Surrogate
 
-TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `SimplexMesh.cells` that are allowed; fingers have 10 per triangle
+TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `SimplexMesh.grid` that are allowed; fingers have 10 per triangle
 
 PLAIN: dict[str, Callable[[Mapping[str, Any], Record, Mapping[str, NDArray[Any]]], Surrogate]] = {
     "nodal": NodalSurrogate,

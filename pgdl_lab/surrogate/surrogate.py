@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,11 +19,14 @@ from pgdl_lab.core.heard import WARNINGS
 from pgdl_lab.core.plotting import plot_face
 from pgdl_lab.surrogate import archive
 from pgdl_lab.surrogate.inverse import Answer, Inverse
-from pgdl_lab.surrogate.limits import Limits
+from pgdl_lab.surrogate.limits import Limits, Outside, TooFar
 from pgdl_lab.surrogate.probe import Probe
 from pgdl_lab.surrogate.query import points_of, pressures_of
 from pgdl_lab.surrogate.record import Record, arrays_of
 from pgdl_lab.surrogate.shapes import Shapes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FORMAT = "pgdl_lab surrogate"
 VERSION = 3
@@ -32,14 +35,6 @@ UNITS = {"points": "mm", "pressure": "kPa", "displacement": "mm"}
 ERROR = "surrogate_error"  # in the provenance: what was found at points that were not trained on
 
 Floats = NDArray[np.float64]
-
-
-class Outside(UserWarning):
-    """A question that the surrogate was not trained for."""
-
-
-class TooFar(InputError):
-    """A pressure so far outside the trained ones that an answer would be worth nothing."""
 
 
 class Surrogate(ABC):
@@ -114,7 +109,7 @@ class Surrogate(ABC):
         """
         return dict(self.record.provenance.get(ERROR, {}))
 
-    def plot(self, pressure_kpa: float, axes: Any = None) -> Any:
+    def plot(self, pressure_kpa: float, axes: Axes | None = None) -> Axes:
         """Draw the bent side face at a pressure [kPa] over its shape at rest, on `axes` or in a new figure of pyplot.
 
         Raises

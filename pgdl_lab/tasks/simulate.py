@@ -20,7 +20,7 @@ def run(job: Job) -> None:
     folder = paths.RUNS / "snapshots"
     start = time.perf_counter()
     snapshots, path, cached = simulate(experiment.finger, experiment.fem, experiment.observation, folder)
-    _log.info("Dataset %s: %s", "were there already" if cached else "computed", path)
+    _log.info("Snapshots %s: %s", "were there already" if cached else "computed", path)
     last = snapshots.displacements[-1]
     metrics = {
         "finger": describe(experiment.finger)["name"],

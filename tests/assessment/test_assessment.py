@@ -18,7 +18,7 @@ from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.assessment.paper import PUBLISHED, Published, comparable, published
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.assessment.yardstick import measure
-from pgdl_lab.core.dataset import DISPLACEMENT
+from pgdl_lab.core.dataset_file import DISPLACEMENT
 from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.surrogate.curvature import mean_curvature_per_m, rms_distance_mm

@@ -10,7 +10,7 @@ import torch
 
 from pgdl_lab.assessment import latency
 from pgdl_lab.assessment.comparison import Comparison
-from pgdl_lab.core.dataset import DISPLACEMENT
+from pgdl_lab.core.dataset_file import DISPLACEMENT
 from pgdl_lab.surrogate.curvature import mean_curvature_per_m
 from tests.trainings import small
 

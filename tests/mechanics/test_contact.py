@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from skfem import CellBasis, MeshHex
 
-from pgdl_lab.core.dataset import DISPLACEMENT, Dataset
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import DISPLACEMENT
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact

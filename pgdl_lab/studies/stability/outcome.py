@@ -14,7 +14,7 @@ from typing import Any
 from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.core.heard import heard
 from pgdl_lab.running.messages import sentence
-from pgdl_lab.surrogate.surrogate import Outside
+from pgdl_lab.surrogate.limits import Outside
 
 GOOD = 0.05
 """Largest error of a success: of the largest displacement (finite elements), of its root mean square (learning)."""

@@ -29,7 +29,7 @@ from pgdl_lab.studies.stability.outcome import GOOD, Attempt, Heard, Result, Tri
 from pgdl_lab.studies.stability.overlap import overlaps
 from pgdl_lab.studies.stability.page import write_page
 from pgdl_lab.studies.stability.verdict import judge
-from pgdl_lab.surrogate.surrogate import Outside
+from pgdl_lab.surrogate.limits import Outside
 from tests.fingers import pneunet
 
 FINGER = pneunet(chambers=1, max_kpa=10.0)
