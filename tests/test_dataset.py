@@ -111,6 +111,25 @@ def test_other_version_is_named(tmp_path: Path) -> None:
         Dataset.load(tmp_path / "a.h5")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"simulation": np.zeros(2, dtype=np.int64)},
+        {"simulation": np.zeros(3)},
+        {"cases": np.ones((3, 2))},
+        {"cases": np.full((3, 1), np.nan)},
+        {"fields": {}},
+        {"fields": {DISPLACEMENT: np.zeros((3, 5, 3))}},
+        {"fields": {DISPLACEMENT: np.zeros((3, 5, 2)), "stress_mpa": np.zeros((3, 4, 6))}},
+        {"fields": {DISPLACEMENT: np.full((3, 5, 2), np.inf)}},
+        {"body": replace(small(), cases=np.ones((2, 1)))},
+        {"provenance": []},
+    ],
+)
+def test_what_is_no_dataset_is_noticed(change: dict[str, Any]) -> None:
+    assert small().fits() and not replace(small(), **change).fits()
+
+
 def test_files_of_the_first_version_are_read(tmp_path: Path) -> None:
     known, body = small(), small().body
     assert body is not None

@@ -45,6 +45,22 @@ def test_faces_that_slip_through_are_seen(scene: str, element: str) -> None:
     assert not contact.penetrates(shallow) and not contact.slips_through(apart)
 
 
+@pytest.mark.parametrize("element", ["hex20", "hex27_p1", "tet10_p0"])
+def test_faces_that_cross_away_from_their_nodes_are_seen(element: str) -> None:
+    """Deepest at a quarter of the edge: neither the nodes nor the flat triangles between them have met."""
+    mesh = discretised(SCENES["between"], element)
+    x, _, z = mesh.positions.T
+    along = (x - 4) / 3
+    lengths = {deep: np.where((x > 1) & (x < 7.5), 1 + deep - 0.5 * (along - 0.5) ** 2, 0.0) for deep in (0.1, 0.0)}
+    sides = np.where(np.isclose(z, 1), 0.5, np.where(np.isclose(z, 2), -0.5, 0.0))
+    crossed, apart = ((length * sides)[:, None] * [0.0, 0.0, 1.0] for length in lengths.values())
+    contact = Contact(mesh, REACH_MM, 0.05, "on")
+    assert contact.slips_through(crossed) and not contact.slips_through(apart)
+    nodes = np.isclose(z, 1), np.isclose(z, 2)
+    lower, upper = ((mesh.positions + crossed)[at, 2] for at in nodes)
+    assert lower.max() < upper.min()
+
+
 def test_states_that_others_found_are_looked_at() -> None:
     """As CalculiX finds them: a model without contact tells where they cross."""
     model = Model(SCENES["chamber"], 0.0, "hex20")

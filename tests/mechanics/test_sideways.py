@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium, Load, nodal_volumes
 from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.leaning import Leaning
 from tests.fingers import OBSERVATION, pneunet, solid
 
 SLENDER = {"chambers": 2, "width_mm": 4.0, "side_wall_mm": 1.0, "height_mm": 30.0, "base_mm": 12.0, "max_kpa": 0.5}
@@ -96,3 +98,32 @@ def test_the_remedy_finds_the_equilibrium_that_is_stable() -> None:
     )
     assert leaning.provenance["unstable_kpa"] == [] and leaning.provenance["sideways_unstable_kpa"] == []
     assert leaning.body is not None and np.abs(leaning.body.displacements[-1, :, 1]).max() > 1.0
+
+
+def test_the_whole_is_pushed_along_the_mode_that_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mode against SciPy's lowest eigenvector; and what begins to lean is no mirror image of itself."""
+    half = Model(pneunet(**SLENDER, gravity_m_s2=HEAVY), 12.0, "hex27_p1")
+    whole = Model(pneunet(**SLENDER, gravity_m_s2=[0.0, 1e-9, HEAVY[1]]), 12.0, "hex27_p1")
+    bent, load = half.load(np.array([0.5]), 1e-8, 1e-3).at(0.5), Load(1.0, 0.0005)
+    leaning, begun = Leaning(half.equilibrium, whole.equilibrium), []
+
+    def begins(_: object, solver: object, at: np.ndarray, *__: object) -> tuple[np.ndarray, bool]:
+        begun.append(at)
+        return at, True
+
+    monkeypatch.setattr(Leaning, "_descend", begins)
+    found = leaning.lean(whole.solver, bent, 0.5, 1.0)
+    right, left = halves(half.equilibrium, whole.equilibrium)
+    (at,) = begun
+    push = (at[right] - at[left] * [1, -1, 1]) / 2
+    np.testing.assert_allclose((at[right] + at[left] * [1, -1, 1]) / 2, bent, atol=1e-12)
+    assert 0.005 <= found.mm == pytest.approx(np.linalg.norm(push, axis=1).max()) and found.percent == 100 * found.mm
+
+    free = half.equilibrium.sideways
+    upper = half.equilibrium.sideways_stiffness(bent, load).toarray()
+    stiffness = upper + upper.T - np.diag(upper.diagonal())
+    mass = np.repeat(nodal_volumes(half.equilibrium.solid.discretisation), 3).reshape(-1, 3)[free]
+    values, ways = scipy.linalg.eigh(stiffness, np.diag(mass), subset_by_index=[0, 1])
+    lowest = ways[:, 0]
+    assert values[0] < 0
+    assert abs(lowest @ push[free]) > 0.99 * np.linalg.norm(lowest) * np.linalg.norm(push[free])
