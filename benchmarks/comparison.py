@@ -103,7 +103,7 @@ def run(made: Experiment) -> dict[str, Any]:
         "seconds": seconds,
         "mse_mm2": mse_mm2,
         "error_bar": comparison.error_bar(),
-        "highlights": [comparison.by_pressure()[i] for i in made.split.highlights(snapshots.pressures_kpa)],
+        "highlights": [comparison.by_pressure()[i] for i in made.split.highlights(snapshots.cases)],
         "extremes_mm": max(
             abs(ours - theirs)
             for axis in "xz"

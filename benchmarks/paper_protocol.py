@@ -200,7 +200,7 @@ class Protocol:
     @property
     def highlights(self) -> NDArray[np.int64]:
         """The pressures that the paper reports."""
-        return self.split.highlights(self.snapshots.pressures_kpa)
+        return self.split.highlights(self.snapshots.cases)
 
     def train(self, epochs: int) -> None:
         """Go on to `epochs`."""

@@ -21,6 +21,7 @@ from benchmarks import common
 from benchmarks.scenes import scene, simulated
 from pgdl_lab.core import registry
 from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.polynomials import basis_of
 from pgdl_lab.learning.scene import Scene
 from pgdl_lab.learning.separable import RIDGE, SeparableRegression
 from pgdl_lab.mechanics.linear import symmetric_solver
@@ -84,9 +85,7 @@ def main() -> None:
         rule = registry.plugin("split", split)(points=round(share * snapshots.displacements[..., 0].size))
         train = rule.train_points(snapshots, seed)
         samples = Samples.of(snapshots, train)
-        regression = SeparableRegression(
-            body, face.domain.clamp, samples, np.array([0.0, samples.pressures_kpa.max()]), DEGREE
-        )
+        regression = SeparableRegression(body, face.domain.clamp, samples, basis_of(samples.cases, DEGREE))
         rng, prior = np.random.default_rng(seed), regression.first_prior()
         for _ in range(ROUNDS):
             prior = regression.learnt(regression.posterior(prior, DRAWS, rng))
@@ -107,7 +106,7 @@ def solve(
     alpha: float, beta: float, kpa: Floats,
 ) -> Floats:  # fmt: skip
     """The field (P, N, 2) [mm] under both penalties."""
-    order, count, free = regression.degree + 1, regression.nodes, regression.free
+    order, count, free = len(regression.orders), regression.nodes, regression.free
     design = regression._products(regression.hats, regression.polynomials @ amplitudes / noise_mm)
     kinks = sp.kron(regression.kinks, sp.identity(order), format="csr")
     smooth = (design.T @ design + alpha**2 * (kinks.T @ kinks)).tocsr()
@@ -124,7 +123,7 @@ def solve(
     nodal = np.zeros((2, count, order))
     nodal[:, free] = solution.reshape(2, len(free), order)
     high = regression.samples.pressures_kpa.max()
-    polynomials = np.polynomial.chebyshev.chebvander(2 * kpa / high - 1, regression.degree) @ amplitudes
+    polynomials = np.polynomial.chebyshev.chebvander(2 * kpa / high - 1, len(regression.orders) - 1) @ amplitudes
     return np.einsum("pk,ink->pni", polynomials, nodal)
 
 

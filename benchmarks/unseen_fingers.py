@@ -40,7 +40,7 @@ def train(trial: Experiment) -> dict[str, Any]:
     where = snapshots.domain.points_mm, snapshots.pressures_kpa
     found = Comparison(snapshots, surrogate.predict(*where), points, surrogate.error_bar(*where))
     rows = found.by_pressure()
-    shown = [rows[i] for i in trial.split.highlights(snapshots.pressures_kpa)]
+    shown = [rows[i] for i in trial.split.highlights(snapshots.cases)]
     bars = found.error_bar()
     return {
         "seconds": seconds,

@@ -127,7 +127,7 @@ def train(
         kept = Path(folder or passing)
         kept.mkdir(parents=True, exist_ok=True)
         surrogate = trained(made.model, made.training(data, points, kept))
-    predicted = surrogate.probe(data.domain.points_mm).values(data.pressures_kpa)
+    predicted = surrogate.probe(data.domain.points_mm).values(data.cases.asked)
     surrogate.record.provenance[ERROR] = Comparison(data, predicted, points).error()
     if folder is not None:
         surrogate.save(kept / "surrogate.pt")
@@ -135,8 +135,10 @@ def train(
 
 
 def _finger(data: Dataset) -> Any:
-    """The finger that `data` are of; raises InputError when they do not say or know it."""
-    if "finger" not in data.provenance:
+    """The finger that `data` are of, of joined simulations the first; InputError when they do not say or know it."""
+    known = [data.provenance, *data.provenance.get("simulations", ())]
+    named = [each["finger"] for each in known if "finger" in each]
+    if not named:
         raise InputError("This dataset does not say which finger it is of: make it with pgdl_lab.simulate.")
     discover("finger", "material")
-    return OmegaConf.to_object(restored("finger", data.provenance["finger"]))
+    return OmegaConf.to_object(restored("finger", named[0]))

@@ -88,8 +88,8 @@ def test_a_plugin_of_a_notebook_trains(data: lab.Dataset) -> None:
     @lab.register("split", "left_half")
     @dataclass(frozen=True)
     class LeftHalf(lab.RandomSplit):
-        def seen(self, pressures_kpa: Any) -> Any:
-            return pressures_kpa < 6
+        def seen(self, cases: Any) -> Any:
+            return cases.pressures_kpa < 6
 
     surrogate = lab.train(data, "pod", split=LeftHalf(points=300))
     assert surrogate.ranges["pressure_kpa"] == [1.0, 5.0]

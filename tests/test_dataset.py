@@ -22,6 +22,7 @@ from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.dataset_file import DISPLACEMENT, DamagedDataset
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import plugin
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
@@ -51,9 +52,11 @@ def small() -> Dataset:
 def assert_equal(one: Dataset, other: Dataset) -> None:
     for name in ("points_mm", "cells", "base", "clamp"):
         np.testing.assert_array_equal(getattr(one.domain, name), getattr(other.domain, name))
-    for name in ("cases", "simulation", "displacements", "pressures_kpa"):
+    for name in ("values", "simulation"):
+        np.testing.assert_array_equal(getattr(one.cases, name), getattr(other.cases, name))
+    for name in ("displacements", "pressures_kpa"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    assert one.inputs == other.inputs and one.domain.cell_type == other.domain.cell_type
+    assert one.cases.inputs == other.cases.inputs and one.domain.cell_type == other.domain.cell_type
     assert one.provenance == other.provenance
 
 
@@ -114,15 +117,16 @@ def test_other_version_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"simulation": np.zeros(2, dtype=np.int64)},
-        {"simulation": np.zeros(3)},
-        {"cases": np.ones((3, 2))},
-        {"cases": np.full((3, 1), np.nan)},
+        {"cases": replace(small().cases, simulation=np.zeros(2, dtype=np.int64))},
+        {"cases": replace(small().cases, simulation=np.zeros(3))},
+        {"cases": replace(small().cases, values=np.ones((3, 2)))},
+        {"cases": replace(small().cases, values=np.full((3, 1), np.nan))},
+        {"cases": Cases.path(np.array([1.0, 2.0]))},
         {"fields": {}},
         {"fields": {DISPLACEMENT: np.zeros((3, 5, 3))}},
         {"fields": {DISPLACEMENT: np.zeros((3, 5, 2)), "stress_mpa": np.zeros((3, 4, 6))}},
         {"fields": {DISPLACEMENT: np.full((3, 5, 2), np.inf)}},
-        {"body": replace(small(), cases=np.ones((2, 1)))},
+        {"body": replace(small(), cases=Cases.path(np.ones(2)))},
         {"provenance": []},
     ],
 )

@@ -110,7 +110,7 @@ def assess(
     predicted = surrogate.predict(snapshots.domain.points_mm, snapshots.pressures_kpa, beyond=True)
     bars = surrogate.error_bar(snapshots.domain.points_mm, snapshots.pressures_kpa, beyond=True)
     comparison = Comparison(snapshots, predicted, train, bars, selection)
-    highlights = split.highlights(snapshots.pressures_kpa)
+    highlights = split.highlights(snapshots.cases)
     units = {name: loss.unit for name, loss in training.losses.items()}
     terms = residuals(training.losses, training.scene, snapshots, predicted, highlights)
     metrics = {

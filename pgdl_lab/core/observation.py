@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import Cases
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,10 @@ class Observation:
             raise InputError(f"observation.snapshots is {self.snapshots}; at least 1 pressure must be observed.")
         if self.points < 4:
             raise InputError(f"observation.points is {self.points}; at least 4 points are needed to cover a face.")
+
+    def cases(self, max_kpa: float) -> Cases:
+        """Observed cases of one simulation up to and including `max_kpa` [kPa]."""
+        return Cases.path(self.pressures_kpa(max_kpa))
 
     def pressures_kpa(self, max_kpa: float) -> NDArray[np.float64]:
         """Observed pressures (P,) [kPa] up to and including `max_kpa` [kPa]."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import Cases
 
 ROUNDING = 1e-9  # pressures are sums and products of floats: 0.88 · 50 kPa must include the snapshot at 44 kPa
 
@@ -17,9 +18,10 @@ SELECTION = 2  # beside the seed: a random stream that nothing else draws from
 
 @dataclass(frozen=True)
 class Split(ABC):
-    """A rule that divides the points of all snapshots into training points, points to select by and test points.
+    """A rule that divides the points of all cases into training points, points to select by and test points.
 
-    A point of the data is one node of one snapshot; point `i` is node `i % N` of snapshot `i // N`.
+    A point of the data is one node in one case, called a snapshot where the cases are pressures; point `i` is node
+    `i % N` of case `i // N`.
 
     Attributes
     ----------
@@ -34,28 +36,28 @@ class Split(ABC):
             raise InputError(f"split.points is {self.points}; a surrogate needs at least 1 training point.")
 
     @abstractmethod
-    def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which snapshots may give training points: (P,) bool for rising pressures (P,) [kPa]."""
+    def seen(self, cases: Cases) -> NDArray[np.bool_]:
+        """Which of the cases may give training points: (C,) bool; those of a simulation are at rising pressures."""
 
-    def highlights(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Indices of the snapshots that tables and figures show: at 20, 40 … 100 % of the highest pressure."""
-        return nearest(pressures_kpa, np.linspace(0.2, 1, 5) * pressures_kpa[-1])
+    def highlights(self, cases: Cases) -> NDArray[np.int64]:
+        """Indices of the cases that tables and figures show: at 20, 40 … 100 % of the highest pressure."""
+        return nearest(cases.pressures_kpa, np.linspace(0.2, 1, 5) * cases.pressures_kpa[-1])
 
-    def check(self, pressures_kpa: NDArray[np.float64], nodes: int) -> None:
-        """Refuse a split that cannot be made of snapshots at `pressures_kpa` (P,) [kPa] with `nodes` points each.
+    def check(self, cases: Cases, nodes: int) -> None:
+        """Refuse a split that cannot be made of these cases with `nodes` points each.
 
         Needs no displacements, so that it can be asked before a long simulation.
 
         Raises
         ------
         InputError
-            When no snapshot is in range, too many points are asked for, or no test point is left.
+            When no case is in range, too many points are asked for, or no test point is left.
         """
-        snapshots = int(self.seen(pressures_kpa).sum())
-        available, total = snapshots * nodes, len(pressures_kpa) * nodes
+        snapshots = int(self.seen(cases).sum())
+        available, total = snapshots * nodes, len(cases) * nodes
         if snapshots == 0:
             raise InputError(
-                f"No snapshot lies in the training range: the lowest pressure is {pressures_kpa[0]:g} kPa; "
+                f"No snapshot lies in the training range: the lowest pressure is {cases.pressures_kpa.min():g} kPa; "
                 "widen the split or raise observation.snapshots."
             )
         if self.points > available:
@@ -68,35 +70,35 @@ class Split(ABC):
                 f"split.points is {self.points}, which is every point and leaves none to test on; ask for fewer."
             )
 
-    def train_points(self, snapshots: Dataset, seed: int) -> NDArray[np.int64]:
-        """Sorted indices (n,) of the training points, drawn evenly from the seen snapshots.
+    def train_points(self, data: Dataset, seed: int) -> NDArray[np.int64]:
+        """Sorted indices (n,) of the training points, drawn evenly from the seen cases.
 
         Raises
         ------
         InputError
             See `check`.
         """
-        nodes = len(snapshots.domain.points_mm)
-        self.check(snapshots.pressures_kpa, nodes)
-        seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
+        nodes = len(data.domain.points_mm)
+        self.check(data.cases, nodes)
+        seen = np.flatnonzero(self.seen(data.cases))
         drawn = np.random.default_rng(seed).choice(len(seen) * nodes, self.points, replace=False)
         return np.sort(seen[drawn // nodes] * nodes + drawn % nodes)
 
-    def selection_points(self, snapshots: Dataset, train: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+    def selection_points(self, data: Dataset, train: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
         """Sorted indices (m,) of points that a search selects by: neither trained on nor tested on.
 
-        They are a tenth of the points of the seen snapshots that are not trained on, at most `SELECTED`. Snapshots that
-        give no training points are left to the test as a whole: who selects by them knows what they look like.
+        They are a tenth of the points of the seen cases that are not trained on, at most `SELECTED`. Cases that give
+        no training points are left to the test as a whole: who selects by them knows what they look like.
 
         Parameters
         ----------
-        snapshots, seed
+        data, seed
             See `train_points`.
         train
             (n,), indices of the training points.
         """
-        nodes = len(snapshots.domain.points_mm)
-        seen = np.flatnonzero(self.seen(snapshots.pressures_kpa))
+        nodes = len(data.domain.points_mm)
+        seen = np.flatnonzero(self.seen(data.cases))
         others = np.setdiff1d((seen[:, None] * nodes + np.arange(nodes)).ravel(), train, assume_unique=True)
         count = min(SELECTED, len(others) // 10)
         return np.sort(np.random.default_rng([seed, SELECTION]).choice(others, count, replace=False))

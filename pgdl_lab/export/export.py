@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,8 +69,8 @@ def export(surrogate: Surrogate, folder: Path) -> Iterator[Form | InputError]:
         yield Form(name, path, predict, difference_mm, tolerance_mm)
 
 
-def random_queries(surrogate: Surrogate) -> Iterator[tuple[Floats, Floats]]:
-    """Points (100, 2) [mm], even over the body, and a pressure (1,) [kPa], 100 times."""
+def random_queries(surrogate: Surrogate) -> Iterator[tuple[Floats, Any]]:
+    """Points (100, 2) [mm], even over the body, and a pressure (1,) [kPa] or a case of all inputs, 100 times."""
     rng = np.random.default_rng(0)
     mesh = surrogate.domain.mesh
     corners = mesh.points_mm[mesh.simplices]
@@ -77,10 +78,9 @@ def random_queries(surrogate: Surrogate) -> Iterator[tuple[Floats, Floats]]:
     area = np.abs(np.linalg.det(legs))
     for _ in range(BATCHES):
         chosen = rng.choice(len(corners), BATCH, p=area / area.sum())
-        yield (
-            np.einsum("nc,nci->ni", rng.dirichlet(np.ones(3), BATCH), corners[chosen]),
-            rng.uniform(0, surrogate.ranges["pressure_kpa"][1], 1),
-        )
+        points = np.einsum("nc,nci->ni", rng.dirichlet(np.ones(3), BATCH), corners[chosen])
+        case = {limit.name: rng.uniform(limit.trained.low, limit.trained.high, 1) for limit in surrogate.limits}
+        yield points, case if len(case) > 1 else case[surrogate.inputs[0]]
 
 
 def largest_difference_mm(surrogate: Surrogate, predict: Predict) -> float:

@@ -109,7 +109,7 @@ class NodalGraph(Graph):
         super().__init__()
         state = surrogate.state()
         self.interpolation = Interpolation(SimplexMesh(state["points_mm"], state["triangles"]))
-        self.basis = Basis.of([state["range_kpa"]], len(state["amplitudes"]) - 1)
+        self.basis = Basis.restored(state, len(state["amplitudes"]))
         self.register_buffer("modes", torch.from_numpy(state["modes"]).flatten(1))
         self.register_buffer("amplitudes_mm", torch.from_numpy(state["amplitudes"]))
 
@@ -149,7 +149,7 @@ class ModalGraph(Graph):
 
     def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
         coordinates = self.interpolation(points_mm, self.modes)[None].to(self.field.dtype)
-        return self.field.displacements(coordinates, pressure_kpa.to(self.field.dtype)).double()
+        return self.field.displacements(coordinates, pressure_kpa[:, None].to(self.field.dtype)).double()
 
 
 def graph_of(surrogate: Surrogate) -> Graph:
@@ -158,9 +158,11 @@ def graph_of(surrogate: Surrogate) -> Graph:
     Raises
     ------
     InputError
-        When its model has none.
+        When its model has none, or it has several inputs.
     """
-    allowed = surrogate.limits.allowed
+    if len(surrogate.inputs) > 1:
+        raise InputError(f"A graph takes the pressure alone, and this surrogate {', '.join(surrogate.inputs)}.")
+    allowed = surrogate.limits[0].allowed
     return Allowed(_any_pressure(surrogate), allowed.least, allowed.most).eval()
 
 

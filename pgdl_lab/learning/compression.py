@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from pgdl_lab.surrogate.basis import Basis
@@ -19,22 +20,21 @@ def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """The state of a `NodalSurrogate` with no more modes than tell its field apart from what is not known of it.
 
     The modes are those of a singular value decomposition over all nodes and all pressures up to `BEYOND` times the
-    highest trained one: of as many modes no others come closer to the field. What is left out is at most the noise,
-    which every error bar holds, and at most `LEFT_OUT` of the posterior's standard deviation within the trained
-    pressures, all as root mean squares.
+    highest trained one, and as far along other inputs: of as many modes no others come closer to the field. What is
+    left out is at most the noise, which every error bar holds, and at most `LEFT_OUT` of the posterior's standard
+    deviation within the trained pressures, all as root mean squares.
     """
-    amplitudes, modes, spread, range_kpa = (
-        state[name].numpy() for name in ("amplitudes", "modes", "spread", "range_kpa")
-    )
+    amplitudes, modes, spread = (state[name].numpy() for name in ("amplitudes", "modes", "spread"))
+    basis = Basis.restored({name: array.numpy() for name, array in state.items()}, len(amplitudes))
     coefficients = np.einsum("dk,nkc->dnc", amplitudes, modes).reshape(len(amplitudes), -1)
-    pressures_kpa = np.linspace(0.0, BEYOND * range_kpa[1], 10 * len(amplitudes))
-    polynomials = Basis.of([range_kpa], len(amplitudes) - 1)(pressures_kpa)
+    cases = _everywhere(basis)
+    polynomials = basis(cases)
     roots = spread.transpose(1, 0, 2).reshape(len(amplitudes), -1)
-    known = polynomials[pressures_kpa <= range_kpa[1]] @ roots
+    known = polynomials[(cases <= np.array(basis.ranges)[:, 1]).all(axis=1)] @ roots
     deviation_mm = np.sqrt((known.astype(float) ** 2).sum() / len(known) / len(modes))
     _, root = np.linalg.qr(polynomials)
     left, sizes, right = np.linalg.svd(root @ coefficients, full_matrices=False)
-    rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(pressures_kpa) / coefficients.shape[1])  # from each on
+    rest_mm = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1] / len(cases) / coefficients.shape[1])  # from each on
     # what bars make of the standard deviations
     scale = min(1.0, float(state["bar_deviations"].min()) / NORMAL) if "bar_deviations" in state else 1.0
     most_mm = scale * min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
@@ -43,3 +43,12 @@ def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     kept = size * right[:count].reshape(count, -1, 2).transpose(1, 0, 2)
     amplitudes_mm = np.linalg.solve(root, left[:, :count] * sizes[:count]) / size
     return {**state, "modes": torch.from_numpy(kept.copy()), "amplitudes": torch.from_numpy(amplitudes_mm.copy())}
+
+
+def _everywhere(basis: Basis) -> NDArray[np.float64]:
+    """Cases (n, D), as many for each polynomial, up to the highest that are answered; evenly for one input."""
+    low, high = np.array(basis.ranges).T
+    far, count = low + BEYOND * (high - low), 10 * len(basis.degrees)
+    if len(low) == 1:
+        return np.linspace(low, far, count)
+    return np.random.default_rng(0).uniform(low, far, (count, len(low)))

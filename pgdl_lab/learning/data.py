@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.scene import Scene
@@ -27,37 +28,47 @@ class Samples:
     ----------
     points_mm
         (n, 2) float64, x and z of the undeformed points [mm].
-    pressures_kpa
-        (n,) float64 [kPa].
+    cases
+        The n cases that they were seen in.
     displacements_mm
         (n, 2) float64, u_x and u_z [mm].
     """
 
     points_mm: NDArray[np.float64]
-    pressures_kpa: NDArray[np.float64]
+    cases: Cases
     displacements_mm: NDArray[np.float64]
 
     @classmethod
-    def of(cls, snapshots: Dataset, indices: NDArray[np.int64]) -> Samples:
-        """The data points `indices` (n,) of `snapshots`: point i is node i % N of snapshot i // N."""
-        snapshot, node = np.divmod(indices, len(snapshots.domain.points_mm))
-        return cls(
-            snapshots.domain.points_mm[node], snapshots.pressures_kpa[snapshot], snapshots.displacements[snapshot, node]
-        )
+    def of(cls, data: Dataset, indices: NDArray[np.int64]) -> Samples:
+        """The points `indices` (n,) of `data`: point i is node i % N of case i // N."""
+        case, node = np.divmod(indices, len(data.domain.points_mm))
+        return cls(data.domain.points_mm[node], data.cases.at(case), data.displacements[case, node])
+
+    def __len__(self) -> int:
+        return len(self.points_mm)
+
+    @property
+    def pressures_kpa(self) -> NDArray[np.float64]:
+        """The pressure (n,) of each [kPa]."""
+        return self.cases.pressures_kpa
 
     def at(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Samples:
         """Some of these, by their indices (m,) or a mask (n,)."""
-        return Samples(self.points_mm[which], self.pressures_kpa[which], self.displacements_mm[which])
+        return Samples(self.points_mm[which], self.cases.at(which), self.displacements_mm[which])
 
     def joined(self, others: Samples) -> Samples:
         """These and after them the `others`."""
-        names = ("points_mm", "pressures_kpa", "displacements_mm")
-        return Samples(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
+        return Samples(
+            np.concatenate([self.points_mm, others.points_mm]),
+            self.cases.joined(others.cases),
+            np.concatenate([self.displacements_mm, others.displacements_mm]),
+        )
 
     def ranges(self) -> dict[str, list[float]]:
-        """Least and greatest value: "x_mm", "z_mm" and "pressure_kpa"."""
-        columns = {"x_mm": self.points_mm[:, 0], "z_mm": self.points_mm[:, 1], "pressure_kpa": self.pressures_kpa}
-        return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
+        """Least and greatest value: "x_mm", "z_mm" and each input, such as "pressure_kpa"."""
+        places = {"x_mm": self.points_mm[:, 0], "z_mm": self.points_mm[:, 1]}
+        known = {name: [float(values.min()), float(values.max())] for name, values in places.items()}
+        return known | self.cases.ranges()
 
 
 @dataclass(frozen=True)
@@ -121,7 +132,7 @@ class Training:
         Points are set aside here alone, before anything was fitted to them: what is chosen or calibrated on points that
         a model has learnt from tells nothing. `beside` are the fields from `logger` on.
         """
-        count = len(samples.pressures_kpa)
+        count = len(samples)
         order = np.random.default_rng([seed, SET_ASIDE]).permutation(count)
         held, fitted = np.split(order, [int(trainer.validation * count)])
         parts = samples.at(np.sort(fitted)), samples.at(np.sort(held))

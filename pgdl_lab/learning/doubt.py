@@ -7,7 +7,6 @@ was shown, nothing was learnt.
 from __future__ import annotations
 
 import logging
-import warnings
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from pgdl_lab.core.heard import WARNINGS, heard
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.model import Model
 from pgdl_lab.surrogate.calibration import NORMAL
-from pgdl_lab.surrogate.limits import Outside
 from pgdl_lab.surrogate.surrogate import Surrogate
 
 _log = logging.getLogger(__name__)
@@ -42,7 +40,7 @@ def trained(model: Model, training: Training) -> Surrogate:
 
 
 def _doubt(surrogate: Surrogate, training: Training) -> None:
-    samples, some = training.samples, np.random.default_rng(0).permutation(len(training.samples.pressures_kpa))
+    samples, some = training.samples, np.random.default_rng(0).permutation(len(training.samples))
     _warn_of_holes(surrogate, training)
     error = _relative_error(surrogate, samples, some[:LOOKED_AT])
     if not error <= UNLEARNT:
@@ -57,7 +55,7 @@ def _doubt(surrogate: Surrogate, training: Training) -> None:
 
 def _warn_of_noise(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> None:
     """A model that follows the noise of its data is far from those that its error bars are calibrated on."""
-    bars = surrogate.error_bar(samples.points_mm[some], samples.ranges()["pressure_kpa"][1])
+    bars = surrogate.bars(samples.points_mm[some], _highest(samples))
     size = _size(samples.displacements_mm)
     if bars is not None and np.median(bars) > UNLEARNT * size:
         _log.warning(
@@ -76,12 +74,12 @@ def _warn_of_holes(surrogate: Surrogate, training: Training) -> None:
     far = distance > HOLE * float(np.ptp(body, axis=0).max())
     if not far.any():
         return
-    kpa = samples.ranges()["pressure_kpa"][1]
-    bars_mm = surrogate.error_bar(body[far], kpa)
+    highest = _highest(samples)
+    bars_mm = surrogate.bars(body[far], highest)
     if bars_mm is None:
         told = "what the model says there is a guess"
     else:
-        expected = _size(bars_mm) / NORMAL / _size(surrogate.probe(body).value(kpa))
+        expected = _size(bars_mm) / NORMAL / _size(surrogate.probe(body).values(highest))
         if expected < UNLEARNT:
             return
         told = f"by its own error bars the model errs by some {100 * expected:.2g} % of the displacement there"
@@ -92,6 +90,11 @@ def _warn_of_holes(surrogate: Surrogate, training: Training) -> None:
     )  # fmt: skip
 
 
+def _highest(samples: Samples) -> NDArray[np.float64]:
+    """The case, alone, that goes farthest along the first input."""
+    return samples.cases.asked[[samples.cases.values[:, 0].argmax()]]
+
+
 def _size(vectors_mm: NDArray[np.float64]) -> float:
     return float(np.sqrt((vectors_mm**2).mean()))
 
@@ -99,11 +102,10 @@ def _size(vectors_mm: NDArray[np.float64]) -> float:
 def _relative_error(surrogate: Surrogate, samples: Samples, some: NDArray[np.int64]) -> float:
     """Root mean square error at the samples `some` (n,), relative to that of their displacement."""
     chosen, squares = samples.at(some), 0.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Outside)  # what is asked here is what it was trained on, or nearly
-        for kpa in np.unique(chosen.pressures_kpa):
-            here = chosen.pressures_kpa == kpa
-            error = surrogate.predict(chosen.points_mm[here], float(kpa)) - chosen.displacements_mm[here]
-            squares += float((error**2).sum())
+    cases, number = np.unique(chosen.cases.asked, axis=0, return_inverse=True)
+    for i, case in enumerate(cases):
+        here = number == i
+        error = surrogate.probe(chosen.points_mm[here]).values(case[None])[0] - chosen.displacements_mm[here]
+        squares += float((error**2).sum())
     size = float((chosen.displacements_mm**2).sum())
     return float(np.sqrt(squares / size)) if size else np.inf

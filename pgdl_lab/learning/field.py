@@ -13,11 +13,11 @@ from pgdl_lab.learning.jet import ROWS, Jet, propagate
 
 
 class Field(nn.Module, ABC):
-    """A displacement [mm] as a function of place [mm] and pressure [kPa], with its derivatives by place.
+    """A displacement [mm] as a function of place [mm] and D inputs, with its derivatives by place.
 
     A field is evaluated in two steps, because the first has nothing to learn and is taken once for all training points:
     `coordinates` are fixed functions of the place (the place itself, or functions that know the body), and `rows`
-    carries them and the pressure through the trainable layers.
+    carries them and the inputs through the trainable layers.
 
     Attributes
     ----------
@@ -32,21 +32,21 @@ class Field(nn.Module, ABC):
         """Coordinates of points (N, 2) [mm] and their derivatives by x and z [1/mm, 1/mm²] up to `order`: (J, N, F)."""
 
     @abstractmethod
-    def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
-        """Displacement and derivatives (J, n, 2), see `Jet`, from coordinates (J, n, F) and pressures (n,) [kPa]."""
+    def rows(self, coordinates: Tensor, cases: Tensor) -> Tensor:
+        """Displacement and derivatives (J, n, 2), see `Jet`, from coordinates (J, n, F) and cases (n, D)."""
 
-    def jet(self, coordinates: Tensor, pressures_kpa: Tensor, order: int) -> Jet:
+    def jet(self, coordinates: Tensor, cases: Tensor, order: int) -> Jet:
         """Displacement and derivatives up to `order`."""
-        return Jet(self.rows(coordinates[: ROWS[order]], pressures_kpa), pressures_kpa)
+        return Jet(self.rows(coordinates[: ROWS[order]], cases), cases[:, 0])
 
-    def forward(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
-        """Displacement (n, 2) [mm] from coordinates (J, n, F) and pressures (n,) [kPa]."""
-        return self.rows(coordinates[:1], pressures_kpa)[0]
+    def forward(self, coordinates: Tensor, cases: Tensor) -> Tensor:
+        """Displacement (n, 2) [mm] from coordinates (J, n, F) and cases (n, D)."""
+        return self.rows(coordinates[:1], cases)[0]
 
-    def displacements(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
-        """Displacements (P, N, 2) [mm] of all points with coordinates (1, N, F) at all pressures (P,) [kPa]."""
+    def displacements(self, coordinates: Tensor, cases: Tensor) -> Tensor:
+        """Displacements (P, N, 2) [mm] of all points with coordinates (1, N, F) in all cases (P, D)."""
         count = coordinates.shape[1]
-        fields = [self(coordinates, pressure.expand(count)) for pressure in pressures_kpa]
+        fields = [self(coordinates, case.expand(count, -1)) for case in cases]
         return torch.stack(fields) if fields else coordinates.new_empty(0, count, 2)
 
 
@@ -54,28 +54,28 @@ class ReadOutField(Field):
     """A field whose last layer is linear: what it weighs is known."""
 
     @abstractmethod
-    def features(self, coordinates: Tensor, pressures_kpa: Tensor) -> tuple[Tensor, Tensor]:
+    def features(self, coordinates: Tensor, cases: Tensor) -> tuple[Tensor, Tensor]:
         """Features (n, H) and (n, K) whose products the last layer sums up; only the first may depend on the place.
 
         Parameters
         ----------
-        coordinates, pressures_kpa
-            (J, n, F) and (n,) [kPa], see `rows`.
+        coordinates, cases
+            (J, n, F) and (n, D), see `rows`.
         """
 
-    def beside(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+    def beside(self, coordinates: Tensor, cases: Tensor) -> Tensor:
         """Displacement (n, 2) [mm] that does not come from the last layer, for the same arguments; here none."""
         return coordinates.new_zeros(coordinates.shape[1], 2)
 
 
 class PlaneField(ReadOutField):
-    """A network whose inputs are x, z and the pressure.
+    """A network whose inputs are x, z and those of the cases.
 
     Parameters
     ----------
     layers
-        A sequence that ends with a linear layer and an `Affine`. Takes (…, 3): x [mm], z [mm], p [kPa]; gives (…, 2)
-        [mm]. Scaling is part of it, so that every derivative of the field is physical.
+        A sequence that ends with a linear layer and an `Affine`. Takes (…, 2 + D): x [mm], z [mm] and the case; gives
+        (…, 2) [mm]. Scaling is part of it, so that every derivative of the field is physical.
     dtype
         Type of the weights.
     """
@@ -95,13 +95,13 @@ class PlaneField(ReadOutField):
             rows[2, :, 1] = 1  # ∂z/∂z
         return rows
 
-    def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
-        pressure = torch.zeros_like(coordinates[..., :1])
-        pressure[0, :, 0] = pressures_kpa
-        return propagate(self.layers, torch.cat([coordinates, pressure], dim=-1))
+    def rows(self, coordinates: Tensor, cases: Tensor) -> Tensor:
+        beside = coordinates.new_zeros(*coordinates.shape[:-1], cases.shape[1])
+        beside[0] = cases
+        return propagate(self.layers, torch.cat([coordinates, beside], dim=-1))
 
-    def features(self, coordinates: Tensor, pressures_kpa: Tensor) -> tuple[Tensor, Tensor]:
-        inputs = torch.cat([coordinates[0], pressures_kpa[:, None].to(self.dtype)], dim=1)
+    def features(self, coordinates: Tensor, cases: Tensor) -> tuple[Tensor, Tensor]:
+        inputs = torch.cat([coordinates[0], cases.to(self.dtype)], dim=1)
         hidden = self.layers[:-2](inputs)  # without the last layer and the scaling of its outputs
         one = torch.ones_like(hidden[:, :1])
         return torch.cat([hidden, one], dim=1), one

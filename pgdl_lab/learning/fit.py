@@ -140,7 +140,7 @@ def _identity(model: Trainable, training: Training) -> dict[str, Any]:
     """What a training must agree on with a checkpoint that it resumes from; budgets may differ."""
     data = hashlib.sha256()
     for samples in (training.samples, training.held):
-        for values in (samples.points_mm, samples.pressures_kpa, samples.displacements_mm):
+        for values in (samples.points_mm, samples.cases.values, samples.displacements_mm):
             data.update(np.ascontiguousarray(values).tobytes())
     return {
         "model": describe(model),

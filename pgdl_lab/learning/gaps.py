@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.learning.data import Samples
-from pgdl_lab.surrogate.calibration import COVERED, Held, Ratios, bar_deviations, covering
+from pgdl_lab.surrogate.calibration import Held, Ratios, bar_deviations, wider
 
 _log = logging.getLogger(__name__)
 
@@ -93,12 +93,9 @@ class Gap:
                     yield held, judged
 
     def stretch(self, samples_mm: Floats, excess: Excess) -> Floats | None:
-        """What error bars (N,) must be multiplied by in the gap, 1 outside; None, and a warning, if nothing tells.
-
-        The errors in one stretch rise and fall together, so that each counts once: by what covers 95 % of it.
-        """
-        sizes = [[np.quantile(excess(held, judged), COVERED)] for held, judged in self.blocks(samples_mm)]
-        if len(sizes) < FEWEST:
+        """What error bars (N,) must be multiplied by in the gap, 1 outside; None, and a warning, if nothing tells."""
+        parts = [excess(held, judged) for held, judged in self.blocks(samples_mm)]
+        if len(parts) < FEWEST:
             x, z = self.body_mm[self.distance_mm.argmax()]
             _log.warning(
                 "No training point lies within %.2g mm of x = %.3g, z = %.3g mm, and too few lie elsewhere to tell how "
@@ -106,7 +103,7 @@ class Gap:
                 self.distance_mm.max(), x, z,
             )  # fmt: skip
             return None
-        return np.where(self.far, max(1.0, covering(np.array(sizes))), 1.0)
+        return np.where(self.far, wider(parts), 1.0)
 
 
 def calibrated(samples: Samples, ratios: Ratios, gap: Gap | None, rng: np.random.Generator) -> dict[str, Floats]:
@@ -115,7 +112,7 @@ def calibrated(samples: Samples, ratios: Ratios, gap: Gap | None, rng: np.random
     "bar_kpa" and "bar_deviations", see `bar_deviations`, and where there is a gap "bar_stretch" (N,), see
     `Gap.stretch`.
     """
-    found = bar_deviations(samples.pressures_kpa, ratios, rng)
+    found = bar_deviations(samples.cases, ratios, rng)
     if found is None:
         return {}
     bars = dict(zip(("bar_kpa", "bar_deviations"), found, strict=True))
@@ -123,7 +120,7 @@ def calibrated(samples: Samples, ratios: Ratios, gap: Gap | None, rng: np.random
         return bars
 
     def excess(held: Held, judged: Held) -> Floats:
-        return ratios(held, judged) / np.interp(samples.pressures_kpa[judged], *found)[:, None]
+        return ratios(held, judged) / np.interp(samples.cases.values[judged, 0], *found)[:, None]
 
     stretch = gap.stretch(samples.points_mm, excess)
     return {} if stretch is None else {**bars, "bar_stretch": stretch}

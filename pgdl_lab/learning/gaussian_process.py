@@ -1,4 +1,4 @@
-"""A Gaussian process on the body's eigenfunctions and the pressure, fitted by scikit-learn."""
+"""A Gaussian process on the body's eigenfunctions and the inputs, fitted by scikit-learn."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.inputs import PRESSURE
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.gaps import Gap, calibrated
@@ -43,8 +44,10 @@ def fitted(
     functions, values = body.modes(min(modes, len(body.points_mm) // 4))
     places = functions * np.sqrt(values[0] / values)  # the slow ones weigh more
     places /= places.std(axis=0).max()
-    half_kpa = samples.pressures_kpa.max() / 2
-    inputs = np.column_stack([interpolated(body, places, samples.points_mm), samples.pressures_kpa / half_kpa])
+    halves = np.array(
+        [(high - (0.0 if name == PRESSURE else low)) / 2 for name, (low, high) in samples.cases.ranges().items()]
+    )
+    inputs = np.column_stack([interpolated(body, places, samples.points_mm), samples.cases.values / halves])
     mean_mm, size_mm = samples.displacements_mm.mean(axis=0), samples.displacements_mm.std(axis=0)
     size_mm = np.where(size_mm > 0, size_mm, 1.0)
     moved_mm = samples.displacements_mm - mean_mm
@@ -78,7 +81,7 @@ def fitted(
         "points_mm": body.points_mm,
         "triangles": body.simplices,
         "places": places / length,
-        "unit_kpa": np.array(half_kpa * length),
+        **({"unit_kpa": halves[0] * length} if len(halves) == 1 else {"units": halves * length}),
         "inputs": inputs[learnt],
         "weights_mm": weights_mm(learnt, factor(inputs[learnt], noise)),
         "mean_mm": mean_mm,

@@ -90,7 +90,7 @@ def gains(scene: Scene, samples: Samples, nodal: Floats, degree: int, rng: np.ra
     samples, as densely as all lie, it leaves out nodes with all their samples and looks how far off they are told.
     """
     high_kpa = float(samples.pressures_kpa.max())
-    share = min(1.0, TRIED / len(samples.pressures_kpa))
+    share = min(1.0, TRIED / len(samples))
 
     def from_middle(points_mm: Floats) -> Floats:
         """Distance (m,) from the middle of a strip, 1 at its edges."""
@@ -117,7 +117,7 @@ def gains(scene: Scene, samples: Samples, nodal: Floats, degree: int, rng: np.ra
     def squared_error(targets_mm: Floats, rough: Floats | None) -> float:
         fitted = replace(kept, displacements_mm=targets_mm[~left_out])
         with closing(
-            SeparableRegression(body, np.flatnonzero(clamp), fitted, np.array([0.0, high_kpa]), order, rough)
+            SeparableRegression(body, np.flatnonzero(clamp), fitted, Basis.of([(0.0, high_kpa)], order), rough)
         ) as regression:
             prior = regression.first_prior()
             posterior = regression.posterior(prior, 0, rng)

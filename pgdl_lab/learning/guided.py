@@ -113,7 +113,8 @@ class GuidedField(Field):
         tables = [nodal, *(matrix @ nodal for matrix in self.body.derivatives[: ROWS[order] - 1])] if order else [nodal]
         return torch.from_numpy(np.stack([np.einsum("nc,ncm->nm", weights, table[corners]) for table in tables]))
 
-    def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+    def rows(self, coordinates: Tensor, cases: Tensor) -> Tensor:
+        pressures_kpa = cases[:, 0]
         place, guide = self._parts(coordinates, pressures_kpa)
         outputs = torch.unflatten(propagate(self.deep, self._inputs(coordinates)), -1, (MOTIONS, -1))
         motions = self._arms(coordinates, torch.einsum("jnmk,nk->jnm", outputs, self._orders(pressures_kpa)))
@@ -158,7 +159,7 @@ class GuidedField(Field):
         degree, high = self.guide.shape[1] - 1, float(self.range_kpa[1])
         # Chebyshev points up to where it may be asked
         kpa = BEYOND * high * (1 - np.cos(np.pi * (np.arange(4 * degree) + 0.5) / (4 * degree))) / 2
-        fields = self.displacements(self.coordinates(self.points_mm.cpu().numpy(), 0), torch.from_numpy(kpa))
+        fields = self.displacements(self.coordinates(self.points_mm.cpu().numpy(), 0), torch.from_numpy(kpa[:, None]))
         polynomials = Basis.of([self.range_kpa.tolist()], degree)(kpa)
         fitted = np.linalg.lstsq(polynomials, fields.cpu().numpy().reshape(len(kpa), -1))[0]
         return fitted.reshape(degree + 1, -1, 2).transpose(1, 0, 2)

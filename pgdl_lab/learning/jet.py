@@ -30,7 +30,7 @@ class Jet:
     rows
         (J, n, 2) with J = 1, 3 or 6: u [mm], u_x, u_z [–], u_xx, u_zz, u_xz [1/mm].
     pressures_kpa
-        (n,), the pressure at each point [kPa]; None where no term asks for it.
+        (n,), the first input at each point, as a rule the pressure [kPa]; None where no term asks for it.
     """
 
     rows: Tensor

@@ -86,15 +86,15 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         weights = dict(objective.field.named_parameters())
         buffers = dict(objective.field.named_buffers())
 
-        def displacement(values: dict[str, Tensor], inputs: Tensor, pressure: Tensor) -> Tensor:
-            return functional_call(objective.field, {**buffers, **values}, (inputs[None, None], pressure[None]))[0]
+        def displacement(values: dict[str, Tensor], inputs: Tensor, case: Tensor) -> Tensor:
+            return functional_call(objective.field, {**buffers, **values}, (inputs[None, None], case[None]))[0]
 
         jacobian = vmap(jacrev(displacement), in_dims=(None, 0, 0))
-        chosen = torch.arange(0, len(objective.pressures), max(1, len(objective.pressures) // POINTS))
+        chosen = torch.arange(0, len(objective.cases), max(1, len(objective.cases) // POINTS))
         count = sum(weight.numel() for weight in weights.values())
-        total = torch.zeros(count, count, dtype=objective.pressures.dtype, device=objective.pressures.device)
+        total = torch.zeros(count, count, dtype=objective.cases.dtype, device=objective.cases.device)
         for part in torch.split(chosen.to(total.device), CHUNK):
-            rows = jacobian(weights, objective.inputs[0, part], objective.pressures[part])
+            rows = jacobian(weights, objective.inputs[0, part], objective.cases[part])
             flat = torch.cat([rows[name].flatten(2) for name in names], dim=2).flatten(0, 1)
             total.addmm_(flat.T, flat)
         weight = objective.weight("data") if "data" in objective.losses else 1.0

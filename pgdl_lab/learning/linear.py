@@ -31,14 +31,14 @@ DATA, BOUNDARY = "data", "boundary"  # the terms that a closed form knows
 
 @dataclass(frozen=True)
 class LinearModel(Model):
-    """Hat functions on the body times polynomials in the pressure, fitted by linear least squares; no network.
+    """Hat functions on the body times polynomials in the inputs, fitted by linear least squares; no network.
 
     The clamp is held exactly. Of the losses only the data count; terms of physics are refused.
 
     Attributes
     ----------
     degree
-        Degree of the polynomials in the pressure.
+        Degree of the polynomials in the pressure; in several inputs together at most that, see `basis_of`.
     """
 
     degree: int = 7
@@ -129,7 +129,7 @@ def regression_of(
     rough: NDArray[np.float64] | None = None,
     spent_s: float = 0.0,
 ) -> tuple[SeparableRegression, dict[str, Tensor]]:
-    """The regression of `degree` in the pressure on `samples`, and what a `NodalSurrogate` holds of the body.
+    """The regression of `degree` in the inputs on `samples`, and what a `NodalSurrogate` holds of the body.
 
     A field `rough` (N, …) tells where kinks are to be expected, see `SeparableRegression`. Its clock begins here, with
     what is `spent_s` already: all fits together take the time budget of the training at most, but for the first two.
@@ -139,25 +139,25 @@ def regression_of(
     InputError
         When there are fewer samples than a polynomial of that degree has coefficients, and no field guides it.
     """
-    import numpy as np
     import torch
 
     from pgdl_lab.learning.clock import Clock
+    from pgdl_lab.learning.polynomials import basis_of
     from pgdl_lab.learning.separable import SeparableRegression
     from pgdl_lab.surrogate.triangulation import Triangulation
 
-    scene, count = training.scene, len(samples.pressures_kpa)
+    scene, count = training.scene, len(samples)
     if rough is None and count <= degree:
         lower = f", or set model.degree={count - 1}" if count > 1 else ""
         raise InputError(
             f"{count} training points do not determine a polynomial of degree {degree} in the pressure, which has "
             f"{degree + 1} coefficients at each place: train on {degree + 1} points at least{lower}."
         )
-    range_kpa = np.array([0.0, samples.pressures_kpa.max()])
+    basis = basis_of(samples.cases, degree)
     body = Triangulation(scene.domain.points_mm, scene.domain.cells)
     clock = Clock(training.trainer.max_seconds, spent_s)
-    return SeparableRegression(body, scene.domain.clamp, samples, range_kpa, degree, rough, clock), {
+    return SeparableRegression(body, scene.domain.clamp, samples, basis, rough, clock), {
         "points_mm": torch.from_numpy(scene.domain.points_mm),
         "triangles": torch.from_numpy(scene.domain.cells),
-        "range_kpa": torch.from_numpy(range_kpa),
+        **{name: torch.from_numpy(array) for name, array in basis.state().items()},
     }

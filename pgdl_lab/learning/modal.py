@@ -27,7 +27,7 @@ DECAY = 0.2
 
 
 class ModalField(ReadOutField):
-    """A network of the body's Laplace eigenfunctions gives coefficients of Chebyshev polynomials in the pressure.
+    """A network of the body's Laplace eigenfunctions gives coefficients of Chebyshev polynomials in the inputs.
 
     Two chambers that part across a slot lie close in the plane and far apart along the body. The eigenfunctions of the
     body tell them apart, so the network can be smooth where the displacement is not. It has a linear part, which starts
@@ -39,12 +39,10 @@ class ModalField(ReadOutField):
         (N, 2) float64 [mm] and (T, 3) int64, the undeformed body.
     modes, eigenvalues
         (N, M) and (M,) [1/mm²], see `Triangulation.modes`.
-    range_kpa
-        (2,), pressures that are mapped to −1 and 1 [kPa].
+    basis
+        The K polynomials.
     deep
-        The deep part, from (…, M) to (…, 2 (degree + 1)).
-    degree
-        Degree in the pressure.
+        The deep part, from (…, M) to (…, 2 K).
     dtype
         Type of the weights.
     """
@@ -53,7 +51,6 @@ class ModalField(ReadOutField):
     triangles: Tensor
     modes: Tensor
     eigenvalues: Tensor
-    range_kpa: Tensor
     decay: Tensor
 
     def __init__(
@@ -62,9 +59,8 @@ class ModalField(ReadOutField):
         triangles: Tensor,
         modes: Tensor,
         eigenvalues: Tensor,
-        range_kpa: Tensor,
+        basis: Basis,
         deep: nn.Sequential,
-        degree: int,
         dtype: torch.dtype,
     ) -> None:
         super().__init__()
@@ -72,11 +68,13 @@ class ModalField(ReadOutField):
         self.register_buffer("triangles", triangles)
         self.register_buffer("modes", modes)
         self.register_buffer("eigenvalues", eigenvalues)
-        self.register_buffer("range_kpa", range_kpa)
-        self.register_buffer("decay", DECAY ** torch.arange(degree + 1))
+        for name, array in basis.state().items():
+            self.register_buffer(name, torch.from_numpy(array))
+        self._parts = tuple(basis.state())
+        self._orders = torch.tensor([sum(each) for each in basis.degrees])
+        self.register_buffer("decay", DECAY**self._orders)
         self.deep = deep
-        self.linear = nn.Linear(modes.shape[1], 2 * (degree + 1))
-        self.degree = degree
+        self.linear = nn.Linear(modes.shape[1], 2 * len(basis.degrees))
         self.dtype = dtype
         self.to(dtype)
         self.points_mm = points_mm  # stays in float64: points are located in it
@@ -93,46 +91,46 @@ class ModalField(ReadOutField):
         rows = [np.einsum("nc,ncm->nm", weights, table[corners]) for table in tables]
         return torch.from_numpy(np.stack(rows)).to(self.dtype)
 
-    def rows(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
-        return torch.einsum("jnkc,nk->jnc", self.coefficients(coordinates), self.polynomials(pressures_kpa))
+    def rows(self, coordinates: Tensor, cases: Tensor) -> Tensor:
+        return torch.einsum("jnkc,nk->jnc", self.coefficients(coordinates), self.polynomials(cases))
 
     def coefficients(self, coordinates: Tensor) -> Tensor:
-        """Coefficients (J, n, degree + 1, 2) [mm] and derivatives from coordinates (J, n, M)."""
+        """Coefficients (J, n, K, 2) [mm] and derivatives from coordinates (J, n, M)."""
         both = propagate(self.deep, coordinates) + propagate(self.linear, coordinates)
         return self.decay[:, None] * torch.unflatten(both, -1, (-1, 2))
 
-    def polynomials(self, pressures_kpa: Tensor) -> Tensor:
-        """Chebyshev polynomials (n, degree + 1) at pressures (n,) [kPa]; they go on beyond the range."""
-        return torch.stack(self._basis.terms([pressures_kpa]), dim=-1)
+    def polynomials(self, cases: Tensor) -> Tensor:
+        """Chebyshev polynomials (n, K) in cases (n, D); they go on beyond the ranges."""
+        return torch.stack(self._basis.terms(cases.unbind(dim=1)), dim=-1)
 
     @cached_property
     def _basis(self) -> Basis:
-        return Basis.of([self.range_kpa.tolist()], self.degree)
+        return Basis.restored({name: getattr(self, name).cpu().numpy() for name in self._parts}, len(self._orders))
 
-    def features(self, coordinates: Tensor, pressures_kpa: Tensor) -> tuple[Tensor, Tensor]:
+    def features(self, coordinates: Tensor, cases: Tensor) -> tuple[Tensor, Tensor]:
         hidden = self.deep[:-1](coordinates[0])
-        return torch.cat([hidden, torch.ones_like(hidden[:, :1])], dim=1), self.decay * self.polynomials(pressures_kpa)
+        return torch.cat([hidden, torch.ones_like(hidden[:, :1])], dim=1), self.decay * self.polynomials(cases)
 
-    def beside(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
+    def beside(self, coordinates: Tensor, cases: Tensor) -> Tensor:
         coefficients = self.decay[:, None] * torch.unflatten(self.linear(coordinates[0]), -1, (-1, 2))
-        return torch.einsum("nkc,nk->nc", coefficients, self.polynomials(pressures_kpa))
+        return torch.einsum("nkc,nk->nc", coefficients, self.polynomials(cases))
 
-    def displacements(self, coordinates: Tensor, pressures_kpa: Tensor) -> Tensor:
-        return torch.einsum("nkc,pk->pnc", self.coefficients(coordinates)[0], self.polynomials(pressures_kpa))
+    def displacements(self, coordinates: Tensor, cases: Tensor) -> Tensor:
+        return torch.einsum("nkc,pk->pnc", self.coefficients(coordinates)[0], self.polynomials(cases))
 
     @torch.no_grad()
     def start_from(self, samples: Samples) -> None:
         """Set the linear part to the least-squares fit of `samples`, the last layer of the deep part to zero."""
         modes = self.coordinates(samples.points_mm, order=0)[0].double()
         modes = torch.cat([torch.ones(len(modes), 1, dtype=torch.double), modes], dim=1)
-        polynomials = self.polynomials(torch.from_numpy(samples.pressures_kpa))
+        polynomials = self.polynomials(torch.from_numpy(samples.cases.values))
         design = torch.einsum("nk,nm->nkm", polynomials.double(), modes).flatten(1)
         roughness = torch.cat([torch.zeros(1), self.eigenvalues.double() / self.eigenvalues.max()]).square() + FLOOR
-        growth = GROWTH ** torch.arange(self.degree + 1, dtype=torch.double)
+        growth = GROWTH ** self._orders.double()
         ridge = RIDGE * len(modes) * torch.outer(growth, roughness).flatten()
         normal = design.T @ design + torch.diag(ridge)
         fitted = torch.linalg.solve(normal, design.T @ torch.from_numpy(samples.displacements_mm))
-        weights = fitted.view(self.degree + 1, -1, 2).transpose(1, 2).flatten(0, 1)  # row 2 k + component
+        weights = fitted.view(len(growth), -1, 2).transpose(1, 2).flatten(0, 1)  # row 2 k + component
         weights /= self.decay.double().repeat_interleave(2)[:, None]
         self.linear.bias.copy_(weights[:, 0])
         self.linear.weight.copy_(weights[:, 1:])

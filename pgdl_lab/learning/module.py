@@ -78,7 +78,7 @@ class TrainingModule(pl.LightningModule):
     """
 
     held_inputs: Tensor
-    held_pressures: Tensor
+    held_cases: Tensor
     held_targets: Tensor
 
     def __init__(
@@ -106,8 +106,8 @@ class TrainingModule(pl.LightningModule):
         self.generator = torch.Generator()
         self.last_good = self._weights()
         self.best: dict[str, Any] = {}
-        held_fields = objective.field.coordinates(held.points_mm, 0), held.pressures_kpa, held.displacements_mm
-        for name, data in zip(("inputs", "pressures", "targets"), held_fields, strict=True):
+        held_fields = objective.field.coordinates(held.points_mm, 0), held.cases.values, held.displacements_mm
+        for name, data in zip(("inputs", "cases", "targets"), held_fields, strict=True):
             self.register_buffer(f"held_{name}", torch.as_tensor(data).to(objective.targets), persistent=False)
         self._stages: list[Stage] = stages(objective, optimizer_settings)
         self._plan = Plan(len(self._stages), trainer_settings.max_epochs, self.steps_per_epoch, clock)
@@ -123,7 +123,7 @@ class TrainingModule(pl.LightningModule):
     @property
     def samples(self) -> int:
         """Number of training points."""
-        return len(self.objective.pressures)
+        return len(self.objective.cases)
 
     @property
     def steps_per_epoch(self) -> int:
@@ -269,11 +269,11 @@ class TrainingModule(pl.LightningModule):
     @torch.no_grad()
     def _validation(self) -> Tensor:
         """Squared errors (m,), summed over both components, at the points that are set aside, on the CPU [mm²]."""
-        predicted = self.objective.field(self.held_inputs, self.held_pressures)
+        predicted = self.objective.field(self.held_inputs, self.held_cases)
         return (predicted - self.held_targets).square().sum(dim=1).cpu()
 
     def _keep_best(self) -> None:
-        if not len(self.held_pressures):
+        if not len(self.held_cases):
             return
         errors = self._validation()
         state = {"mse": float(errors.mean()), "errors": errors, "weights": self._weights()}

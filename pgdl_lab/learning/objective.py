@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import PRESSURE
 from pgdl_lab.learning.activations import PIECEWISE_LINEAR
 from pgdl_lab.learning.balancing import Balancer, BalancingSettings
 from pgdl_lab.learning.data import Samples
@@ -45,11 +46,11 @@ class Objective(nn.Module):
     Raises
     ------
     InputError
-        When there is no term.
+        When there is no term, or one of physics where the pressure is not the only input.
     """
 
     inputs: Tensor
-    pressures: Tensor
+    cases: Tensor
     targets: Tensor
 
     def __init__(
@@ -70,7 +71,14 @@ class Objective(nn.Module):
         self.scene = scene
         self.balancer = Balancer(balancing, self.losses)
         own = {name: given for name, loss in self.losses.items() if (given := loss.own_points(scene)) is not None}
-        self.range_kpa = float(samples.pressures_kpa.min()), float(samples.pressures_kpa.max())
+        for name, loss in losses.items():
+            if isinstance(loss, PhysicsLoss) and samples.cases.names != [PRESSURE]:
+                raise InputError(
+                    f"Loss {name} knows no other input than the pressure, and the data have "
+                    f"{', '.join(samples.cases.names)}: leave it out."
+                )
+        self.ranges = list(samples.cases.ranges().values())
+        self.range_kpa = self.ranges[0][0], self.ranges[0][1]
         self.interest_kpa = max(self.range_kpa[1], scene.max_kpa)
         extrapolates = self.interest_kpa > (1 + ROUNDING) * self.range_kpa[1]
         self.free = {
@@ -84,7 +92,7 @@ class Objective(nn.Module):
 
         self.order, self.free_order = order(self.losses.keys() - own.keys() - self.free), order(self.free)
         self._keep("inputs", field.coordinates(samples.points_mm, max(self.order, self.free_order)))
-        self._keep("pressures", torch.from_numpy(samples.pressures_kpa))
+        self._keep("cases", torch.from_numpy(samples.cases.values))
         self._keep("targets", torch.from_numpy(samples.displacements_mm))
         for name, (own_points, targets) in own.items():
             self._keep(f"{name}_inputs", field.coordinates(own_points, self.losses[name].order))
@@ -107,7 +115,7 @@ class Objective(nn.Module):
                 )  # fmt: skip
 
     def terms(self, batch: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
-        """Unweighted terms at the training points `batch` (n,); `generator` draws the pressures that are not theirs."""
+        """Unweighted terms at the training points `batch` (n,); `generator` draws the cases that are not theirs."""
         buffers = dict(self.named_buffers(recurse=False))
 
         def drawn(count: int, loss: Loss | None = None) -> Tensor:
@@ -115,11 +123,13 @@ class Objective(nn.Module):
             if not isinstance(loss, PhysicsLoss) or loss.beyond:
                 high = self.interest_kpa
             several = 1 if loss is not None and loss.one_pressure else count
-            kpa = low + (high - low) * torch.rand(several, generator=generator)
-            return kpa.to(self.pressures).expand(count)
+            columns = [low + (high - low) * torch.rand(several, generator=generator)]
+            columns += [least + (most - least) * torch.rand(several, generator=generator)
+                        for least, most in self.ranges[1:]]  # fmt: skip
+            return torch.stack(columns, dim=1).to(self.cases).expand(count, -1)
 
         inputs, targets = self.inputs[:, batch], self.targets[batch]
-        jet = self._jet(inputs, self.pressures[batch], self.order)
+        jet = self._jet(inputs, self.cases[batch], self.order)
         if self.free:
             free_jet = self._jet(inputs, drawn(len(batch)), self.free_order)
         values = {}

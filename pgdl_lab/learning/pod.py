@@ -59,13 +59,13 @@ def network_gains(training: Training, degree: int, rounds: int, field: GuidedFie
     for each in (field, field.without_network()):
         rng = np.random.default_rng(training.seed)
         samples, refitted = _left_by(each, each.nodal(), training.whole)
-        top, at_the_top = above_fold(samples.pressures_kpa)
+        top, at_the_top = above_fold(samples.cases)
         folds = [] if top.all() else [(top, at_the_top)]
-        parts = [[(held, held) for held in inside_folds(len(top), rng)], folds]
+        parts = [[(held, held) for held in inside_folds(samples.cases, rng)], folds]
         regression, _ = regression_of(training, degree, samples, each.guide.numpy(), spent_s)
         with closing(regression):
             prior = learnt_prior(regression, rounds, rng)
-            if not regression.allows(2 * fits(len(top))):
+            if not regression.allows(2 * fits(samples.cases)):
                 return True
             errors = [
                 np.concatenate([
@@ -85,7 +85,7 @@ def _left_by(field: GuidedField, nodal: Floats, samples: Samples) -> tuple[Sampl
 
 def learnt_prior(regression: SeparableRegression, rounds: int, rng: np.random.Generator) -> Prior:
     """The prior that is learnt from the data in `rounds` rounds, or fewer if there is no time for more."""
-    prior, afterwards = regression.first_prior(), 1 + fits(len(regression.polynomials))
+    prior, afterwards = regression.first_prior(), 1 + fits(regression.samples.cases)
     for _ in range(rounds):
         if not regression.allows(1 + afterwards):
             break
@@ -120,7 +120,7 @@ def decompose(
     """
     samples = regression.samples
     gap = Gap.left_by(samples.points_mm, regression.body_mm, regression.clamp_mm)
-    calibrations = fits(len(regression.polynomials)) + (BLOCKS if gap else 0)
+    calibrations = fits(samples.cases) + (BLOCKS if gap else 0)
     few = len(prior.covariance)  # as many as polynomials
     posterior = regression.posterior(prior, draws if regression.allows(1 + calibrations) else few, rng)
 

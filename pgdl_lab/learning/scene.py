@@ -63,7 +63,7 @@ class Scene:
         force_x, _, force_z = finger.body_force_n_mm3.tolist()
         return cls(
             domain=snapshots.domain,
-            max_kpa=float(snapshots.pressures_kpa[-1]),
+            max_kpa=float(snapshots.pressures_kpa.max()),
             lame_mpa=finger.material.lame_mpa,
             shear_modulus_mpa=finger.material.shear_modulus_mpa,
             body_force_n_mm3=(force_x, force_z),

@@ -1,4 +1,4 @@
-"""Regression of a displacement field by Gaussian processes whose covariance separates into place and pressure."""
+"""Regression of a displacement field by Gaussian processes whose covariance separates into place and inputs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Prior:
     Attributes
     ----------
     covariance
-        (K, K), of the kinks of the coefficients of K Chebyshev polynomials in the pressure, from one order to another.
+        (K, K), of the kinks of the coefficients of K Chebyshev polynomials in the inputs, from one to another.
     noise_mm
         Standard deviation of what the data err by [mm].
     """
@@ -45,20 +45,20 @@ class Prior:
     noise_mm: float
 
     @classmethod
-    def falling(cls, slope: float, decay: float, degree: int, noise_mm: float) -> Prior:
-        """Orders that know nothing of each other, and whose kinks fall from `slope` by the factor `decay` per order."""
-        return cls(np.diag((slope * decay ** np.arange(degree + 1)) ** 2), noise_mm)
+    def falling(cls, slope: float, decay: float, orders: NDArray[np.int64], noise_mm: float) -> Prior:
+        """Polynomials of `orders` (K,) that know nothing of each other, whose kinks fall by `decay` per order."""
+        return cls(np.diag((slope * decay**orders) ** 2), noise_mm)
 
     @cached_property
     def amplitudes(self) -> Floats:
-        """(K, K), a square root of the covariance: columns are modes of the pressure, the strongest first."""
+        """(K, K), a square root of the covariance: columns are modes of the inputs, the strongest first."""
         variances, directions = np.linalg.eigh(self.covariance)
         return (directions * np.sqrt(np.maximum(variances, np.finfo(float).tiny)))[:, ::-1]
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of the field after the data were seen: u(x, p) = Σ modes(x) · amplitudes(p).
+    """What is known of the field after the data were seen: u(x, p) = Σ modes(x) · amplitudes(p), p all inputs.
 
     Attributes
     ----------
@@ -78,16 +78,16 @@ class Posterior:
 def evaluated(nodal: Floats, body: Triangulation, samples: Samples, highest_kpa: float) -> Floats:
     """Displacements (n, 2) [mm] at the samples of Chebyshev coefficients (N, D, 2) at the nodes, from 0 kPa on [mm]."""
     corners, weights = body.locate(samples.points_mm)
-    polynomials = Basis.of([(0.0, highest_kpa)], nodal.shape[1] - 1)(samples.pressures_kpa)
+    polynomials = Basis.of([(0.0, highest_kpa)], nodal.shape[1] - 1)(samples.cases.values)
     return np.einsum("nc,nd,ncdi->ni", weights, polynomials, nodal[corners], optimize=True)
 
 
 class SeparableRegression:
-    """Coefficients of hat functions on the body times Chebyshev polynomials in the pressure, from scattered data.
+    """Coefficients of hat functions on the body times Chebyshev polynomials in the inputs, from scattered data.
 
     A priori the kinks of the field (see `Triangulation.kinks`) are independent Gaussian variables, each a polynomial in
-    the pressure with one covariance K × K for all. That is thin-plate smoothing along the body with its own weight for
-    each mode of the pressure, and the posterior mean is one sparse linear least-squares solve for both components.
+    the inputs with one covariance K × K for all. That is thin-plate smoothing along the body with its own weight for
+    each mode of the inputs, and the posterior mean is one sparse linear least-squares solve for both components.
     The covariance is learnt by expectation-maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006,
     section 9.4), and what the data err by from the degrees of freedom that the fit leaves them (D. MacKay, Bayesian
     interpolation, 1992). Its principal axes are the proper orthogonal modes of the field, found from scattered points.
@@ -100,10 +100,8 @@ class SeparableRegression:
         (C,), nodes whose displacement is zero.
     samples
         The data.
-    range_kpa
-        (2,), pressures that are mapped to −1 … 1 [kPa].
-    degree
-        Degree in the pressure.
+    basis
+        The polynomials.
     rough
         (N, …), a field at the nodes whose kinks tell where to expect more: a priori each is as much larger as those of
         that are at its edge; None: nothing is known of this.
@@ -116,15 +114,14 @@ class SeparableRegression:
         body: Triangulation,
         clamp: NDArray[np.int64],
         samples: Samples,
-        range_kpa: Floats,
-        degree: int,
+        basis: Basis,
         rough: Floats | None = None,
         clock: Clock | None = None,
     ) -> None:
         self._clock = clock or Clock(np.inf)
         self._longest_s = 0.0  # that a fit has taken so far
         self.samples = samples
-        self.degree = degree
+        self.orders = np.array(basis.degrees).sum(axis=1)  # of each polynomial
         self.length_mm = float(np.linalg.norm(np.ptp(body.points_mm, axis=0)))
         self.nodes = len(body.points_mm)
         self.free = np.setdiff1d(np.arange(self.nodes), clamp)
@@ -140,7 +137,7 @@ class SeparableRegression:
         hats.eliminate_zeros()
         self.hats = hats
         self._solver = symmetric_solver()
-        self.polynomials = Basis.of([range_kpa], degree)(samples.pressures_kpa)
+        self.polynomials = basis(samples.cases.values)
 
     def allows(self, fits: int) -> bool:
         """Whether there is time for so many fits more, each as long as the longest so far."""
@@ -158,7 +155,7 @@ class SeparableRegression:
         size_mm = float(np.sqrt((self.samples.displacements_mm**2).mean()))
         if size_mm == 0:
             raise InputError("The displacement of every training point is 0 mm: there is nothing to learn from.")
-        return Prior.falling(size_mm / self.length_mm, FIRST_DECAY, self.degree, FIRST_NOISE * size_mm)
+        return Prior.falling(size_mm / self.length_mm, FIRST_DECAY, self.orders, FIRST_NOISE * size_mm)
 
     def posterior(
         self,
@@ -176,7 +173,7 @@ class SeparableRegression:
         perturbations, 2010).
         """
         began_s = self._clock.seconds
-        order = self.degree + 1
+        order = len(self.orders)
         scaled = self.polynomials @ prior.amplitudes / prior.noise_mm
         # what is left out counts with weight 0, so that the pattern of the matrix and its ordering stay
         design = self._products(self.hats, scaled if kept is None else scaled * kept[:, None])

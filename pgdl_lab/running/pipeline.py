@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 def check(experiment: Experiment) -> None:
     """Refuse what cannot be trained; raises InputError."""
     observation = experiment.observation
-    experiment.split.check(observation.pressures_kpa(experiment.finger.max_kpa), observation.points)
+    experiment.split.check(observation.cases(experiment.finger.max_kpa), observation.points)
     for loss in experiment.loss.values():
         loss.check(experiment.finger)
 

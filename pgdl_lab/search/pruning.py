@@ -40,7 +40,7 @@ class Pruning(pl.Callback):
         self._report = ticket.report
         self._selection = selection
         self._inputs: torch.Tensor | None = None
-        if self._report == SELECTION and not len(selection.pressures_kpa):
+        if self._report == SELECTION and not len(selection):
             raise InputError(NONE_LEFT)
 
     def on_train_epoch_end(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
@@ -63,5 +63,5 @@ class Pruning(pl.Callback):
         points, like = self._selection, objective.targets
         if self._inputs is None:
             self._inputs = objective.field.coordinates(points.points_mm, 0).to(like)
-        predicted = objective.field(self._inputs, torch.from_numpy(points.pressures_kpa).to(like))
+        predicted = objective.field(self._inputs, torch.from_numpy(points.cases.values).to(like))
         return float((predicted - torch.from_numpy(points.displacements_mm).to(like)).square().sum(dim=1).mean())

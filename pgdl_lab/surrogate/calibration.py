@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pgdl_lab.core.inputs import Cases
 
 COVERED = 0.95  # share of the errors that a bar covers
 NORMAL = 1.96  # standard deviations that cover this share of a normal distribution
@@ -28,29 +30,36 @@ Ratios = Callable[[Held, Held], Floats]
 """|error| by its expected size (m, 2): of a fit without the samples held out (n,), at some (n,) of them, in order."""
 
 
-def bar_deviations(pressures_kpa: Floats, ratios: Ratios, rng: np.random.Generator) -> tuple[Floats, Floats] | None:
-    """Pressures (3,) [kPa] and the number of standard deviations (3,) that covers 95 % of the errors there.
+def bar_deviations(cases: Cases, ratios: Ratios, rng: np.random.Generator) -> tuple[Floats, Floats] | None:
+    """How far along (3,), see `limits.along`, and how many standard deviations (3,) cover 95 % of the errors there.
 
-    It is linear in the pressure up to the highest trained one, and the last stands for all above. Bars are never
-    narrower beyond the trained pressures than within. Of many samples a tenth is held out, of few all are, in turn. Of
+    It is linear up to the highest trained pressure, and the last stands for all above and for other inputs outside.
+    Bars are never narrower there than within. Of many samples a tenth is held out, of few all are, in turn; of several
+    simulations these as a whole, as no sample tells how a model errs between them that knows others of the same. Of
     fewer than `FEWEST` samples nothing is told: None.
 
     Parameters
     ----------
-    pressures_kpa
-        (n,), of the samples [kPa].
+    cases
+        Those of the samples.
     ratios
         Fits without some of the samples and looks at those.
     rng
         Chooses which.
     """
-    if len(pressures_kpa) < FEWEST:
-        _log.warning(TOO_FEW, len(pressures_kpa), FEWEST)
+    if len(cases) < FEWEST:
+        _log.warning(TOO_FEW, len(cases), FEWEST)
         return None
-    highest = float(pressures_kpa.max())
-    folds, (top, at_the_top) = inside_folds(len(pressures_kpa), rng), above_fold(pressures_kpa)
-    found = np.concatenate([ratios(mask, mask) for mask in folds])
-    lowest, inside = covering_line(np.concatenate([pressures_kpa[mask] for mask in folds]) / highest, found)
+    first = cases.values[:, 0]
+    highest = float(first.max())
+    folds, (top, at_the_top) = inside_folds(cases, rng), above_fold(cases)
+    found = [ratios(mask, mask) for mask in folds]
+    shares = [first[mask] / highest for mask in folds]
+    lowest, inside = covering_line(np.concatenate(shares), np.concatenate(found))
+    if len(np.unique(cases.simulation)) > 1 and inside:
+        told = [np.interp(share, [0, 1], [lowest, inside])[:, None] for share in shares]
+        more = wider([part / bar for part, bar in zip(found, told, strict=True)])
+        lowest, inside = more * lowest, more * inside
     above = inside if top.all() else covering(ratios(top, at_the_top))
     return np.array([0.0, highest, (1 + ABOVE) * highest]), np.array([lowest, inside, max(inside, above)])
 
@@ -78,22 +87,37 @@ def covering_line(shares: Floats, ratios: Floats) -> Floats:
     return line * covering(ratios / np.interp(shares, [0, 1], line)[:, None])
 
 
-def inside_folds(count: int, rng: np.random.Generator) -> list[Held]:
-    """Masks (n,) of parts of `count` samples to be held out in turn, drawn at random."""
+def wider(parts: Sequence[Floats]) -> float:
+    """How many times wider than told bars must be, at least once, for |errors| (m, 2) by their bars in some parts.
+
+    The errors in one part, a stretch of the body or a simulation, rise and fall together, so that each counts once: by
+    what covers 95 % of it.
+    """
+    return max(1.0, covering(np.array([[np.quantile(part, COVERED)] for part in parts])))
+
+
+def inside_folds(cases: Cases, rng: np.random.Generator) -> list[Held]:
+    """Masks (n,) of parts of the samples to be held out in turn, drawn at random; of several simulations whole ones."""
+    count, known = len(cases), np.unique(cases.simulation)
+    if len(known) > 1:
+        groups = np.array_split(rng.permutation(known), min(FOLDS, len(known)))
+        return [np.isin(cases.simulation, group) for group in groups]
     parts = [part for part in np.array_split(rng.permutation(count), FOLDS) if 0 < len(part) < count]
-    return [np.isin(np.arange(count), part) for part in parts[: fits(count) - 1]]
+    return [np.isin(np.arange(count), part) for part in parts[: fits(cases) - 1]]
 
 
-def above_fold(pressures_kpa: Floats) -> tuple[Held, Held]:
-    """Masks (n,) of the samples to be held out at the top of the pressures, and of those that are judged there."""
-    highest = pressures_kpa.max()
-    top = pressures_kpa > (1 - ABOVE) * highest
-    return top, top & (pressures_kpa >= highest * FARTHEST)
+def above_fold(cases: Cases) -> tuple[Held, Held]:
+    """Masks (n,) of the samples to be held out at the top of the first input, and of those that are judged there."""
+    first = cases.values[:, 0]
+    highest = first.max()
+    top = first > (1 - ABOVE) * highest
+    return top, top & (first >= highest * FARTHEST)
 
 
-def fits(count: int) -> int:
-    """How many fits the bars of a model with `count` samples are calibrated by."""
-    return min(FOLDS, count, -(-JUDGED * FOLDS // count)) + 1
+def fits(cases: Cases) -> int:
+    """How many fits the bars of a model with samples in these cases are calibrated by."""
+    count, known = len(cases), len(np.unique(cases.simulation))
+    return (min(FOLDS, known) if known > 1 else min(FOLDS, count, -(-JUDGED * FOLDS // count))) + 1
 
 
 def covering(ratios: Floats) -> float:

@@ -39,8 +39,8 @@ class LastLayer:
     roots
         (K, H, K H), a root R of (Φᵀ Φ + ρ I)⁻¹ = R Rᵀ.
     kpa, bar_mm
-        (B,) each: rising pressures, trained ones and those above them, and what the root of the variance is multiplied
-        by there [kPa, mm].
+        (B,) each: how far along, see `limits.along`, within what was trained and above it, and what the root of the
+        variance is multiplied by there [kPa, mm].
     stretch
         (N,), how many times wider bars are at the points of the body; None: nowhere, as no stretch of it is without
         training points.
@@ -73,13 +73,14 @@ class LastLayer:
         Parameters
         ----------
         features
-            (n, H) and (n, K), of place and pressure at n samples.
+            (n, H) and (n, K), of place and inputs at n samples.
         pressures_kpa, targets_mm, errors_mm
-            (n,), (n, 2) and (n, 2), of the samples: what the last layer was to give, and what the network errs by.
+            (n,), (n, 2) and (n, 2), of the samples: how far along they are, what the last layer was to give, and what
+            the network errs by.
         held
             (n,), the samples that it did not learn from.
         above
-            (len(BEYOND), K), features of the pressures that lie as far above the highest.
+            (len(BEYOND), K), features of the inputs that lie as far above the highest along the first.
         scores_mm
             (n, 2), |error| by the root of its variance of networks that were trained without each sample; None: they
             are not known.
@@ -138,7 +139,7 @@ class LastLayer:
         return (weights * self.stretch[corners]).sum(axis=1)
 
     def bars(self, place: Floats, pressure: Floats, kpa: float) -> Floats:
-        """Error bars (n,) [mm] from features (n, H) of the place and (K,) of the pressure [kPa], not `stretched`."""
+        """Error bars (n,) [mm] from features (n, H) of the place and (K,) of inputs `kpa` along, not `stretched`."""
         # of what is rotated in the end only the lengths count
         _, triangle = np.linalg.qr(np.einsum("k,khf->fh", pressure, self.roots))
         variance = 1 + ((place @ triangle.T) ** 2).sum(axis=1)

@@ -139,9 +139,10 @@ def _works(surrogate: Surrogate) -> bool:
     ranges = {name: (float(low), float(high)) for name, (low, high) in surrogate.record.ranges.items()}
     if not all(np.isfinite(bounds).all() for bounds in ranges.values()):
         return False
-    low, high = ranges["pressure_kpa"]
+    low, high = np.array([ranges[name] for name in surrogate.inputs]).T
+    ends = np.array([low, high]) if len(low) > 1 else np.concatenate([low, high])
     point = np.zeros((1, 2)) if surrogate.record.domain is None else surrogate.domain.points_mm[:1]
-    answers, bars = surrogate.probe(point).values(np.array([low, high])), surrogate.bars(point, np.array([low, high]))
+    answers, bars = surrogate.probe(point).values(ends), surrogate.bars(point, ends)
     if bars is not None and not (bars.shape == (2, 1) and np.isfinite(bars).all()):
         return False
-    return answers.shape == (2, 1, 2) and bool(low <= high and np.isfinite(answers).all())
+    return answers.shape == (2, 1, 2) and bool((low <= high).all() and np.isfinite(answers).all())

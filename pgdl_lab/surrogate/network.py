@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.surrogate.last_layer import STATE, LastLayer
-from pgdl_lab.surrogate.probe import Probe
+from pgdl_lab.surrogate.probe import Case, Probe
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.surrogate import Surrogate
 
@@ -26,7 +26,7 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 
 
 class NetworkSurrogate(Surrogate):
-    """A fully connected network of x [mm], z [mm] and pressure [kPa], in float64.
+    """A fully connected network of x [mm], z [mm] and the inputs, as a rule the pressure [kPa], in float64.
 
     Parameters
     ----------
@@ -53,19 +53,19 @@ class NetworkSurrogate(Surrogate):
     def probe(self, points_mm: Floats) -> Probe:
         return _NetworkProbe(self, points_mm)
 
-    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
+    def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
         if self._last_layer is None:
             return None
         one = np.ones((len(points_mm), 1))
-        features = (np.concatenate([self.hidden(np.column_stack([points_mm, kpa * one])), one], axis=1)
-                    for kpa in pressures_kpa)  # fmt: skip
-        bars = [self._last_layer.bars(each, np.ones(1), float(kpa))
-                for each, kpa in zip(features, pressures_kpa, strict=True)]  # fmt: skip
+        features = (np.concatenate([self.hidden(np.column_stack([points_mm, case * one])), one], axis=1)
+                    for case in cases)  # fmt: skip
+        bars = [self._last_layer.bars(each, np.ones(1), float(far))
+                for each, far in zip(features, self.along(cases), strict=True)]  # fmt: skip
         stretch = self._last_layer.stretched(self.record.domain, points_mm)
-        return np.array(bars).reshape(len(pressures_kpa), len(points_mm)) * stretch
+        return np.array(bars).reshape(len(cases), len(points_mm)) * stretch
 
     def hidden(self, inputs: Floats) -> Floats:
-        """What the last layer weighs (n, H), from x, z and pressure (n, 3)."""
+        """What the last layer weighs (n, H), from x, z and inputs (n, 2 + D)."""
         first, *hidden, _, _ = self._layers
         values = inputs * first[0] + first[1]
         for layer in hidden:
@@ -73,7 +73,7 @@ class NetworkSurrogate(Surrogate):
         return values
 
     def outputs(self, inputs: Floats) -> Floats:
-        """Displacements (n, 2) [mm] from x, z and pressure (n, 3)."""
+        """Displacements (n, 2) [mm] from x, z and inputs (n, 2 + D)."""
         *_, last, scaling = self._layers
         return (self.hidden(inputs) @ last[:, :-1].T + last[:, -1]) * scaling[0] + scaling[1]
 
@@ -82,5 +82,6 @@ class _NetworkProbe(Probe):
     def __init__(self, surrogate: NetworkSurrogate, points_mm: Floats) -> None:
         self._surrogate, self._points_mm = surrogate, points_mm
 
-    def value(self, kpa: float) -> Floats:
-        return self._surrogate.outputs(np.column_stack([self._points_mm, np.full(len(self._points_mm), kpa)]))
+    def value(self, case: Case) -> Floats:
+        inputs = case * np.ones((len(self._points_mm), 1))
+        return self._surrogate.outputs(np.column_stack([self._points_mm, inputs]))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.simplices import SimplexMesh
-from pgdl_lab.surrogate.basis import Basis
-from pgdl_lab.surrogate.probe import PolynomialProbe
+from pgdl_lab.surrogate.basis import SHAPES, Basis
+from pgdl_lab.surrogate.probe import BasisProbe, PolynomialProbe, Probe
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES
 from pgdl_lab.surrogate.surrogate import Surrogate
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class NodalSurrogate(Surrogate):
-    """u(x, p) = Σ modes(x) · amplitudes(p), linear between the nodes of the body; NumPy is all it needs.
+    """u(x, p) = Σ modes(x) · amplitudes(p), p all inputs, linear between the nodes of the body; NumPy is all it needs.
 
     Error bars are those of the values at the nodes and, between nodes, of linear interpolation, which is the greater
     part of the error there; see `interpolation_bars`. These need SciPy: without it there are bars at nodes alone.
@@ -32,11 +32,12 @@ class NodalSurrogate(Surrogate):
         See `Surrogate`.
     state
         "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "modes" (N, K, 2); "amplitudes" (D, K) [mm],
-        Chebyshev coefficients of the amplitudes of the K modes; "range_kpa" (2,), pressures mapped to −1 … 1. With
-        error bars also "spread" (N, D, L) [mm], square roots of the covariance of the nodes' Chebyshev coefficients;
-        "noise_mm" (); "bar_kpa" (B,) and "bar_deviations" (B,), pressures and the number of standard deviations that
-        make a bar there; where the body has a stretch without training points "bar_stretch" (N,), how many times
-        wider bars are.
+        coefficients of the amplitudes of the K modes in D functions of the inputs: Chebyshev polynomials, with
+        "range_kpa" (2,), pressures mapped to −1 … 1, or for several inputs what `Basis.state` says. With error bars
+        also "spread" (N, D, L) [mm], square roots of the covariance of the nodes' coefficients; "noise_mm" ();
+        "bar_kpa" (B,) and "bar_deviations" (B,), how far along, see `limits.along`, and the number of standard
+        deviations that make a bar there; where the body has a stretch without training points "bar_stretch" (N,), how
+        many times wider bars are.
     """
 
     shapes = {
@@ -44,7 +45,7 @@ class NodalSurrogate(Surrogate):
         "triangles": (INDICES, "T", 3),
         "modes": (FLOATS, "N", "K", 2),
         "amplitudes": (FLOATS, "D", "K"),
-        "range_kpa": (FLOATS, 2),
+        **SHAPES,
         "spread": (FLOATS, "N", "D", "L"),
         "noise_mm": (FLOATS,),
         "bar_kpa": (FLOATS, "B"),
@@ -57,29 +58,33 @@ class NodalSurrogate(Surrogate):
         # sums over arrays in another order would differ in the last bits
         self._state = {name: np.asarray(array, order="C") for name, array in state.items()}
         self._body = SimplexMesh(state["points_mm"], state["triangles"])
+        self._basis = Basis.restored(self._state, len(state["amplitudes"]))
 
     def state(self) -> dict[str, NDArray[Any]]:
         return self._state
 
-    def probe(self, points_mm: Floats) -> PolynomialProbe:
+    def probe(self, points_mm: Floats) -> Probe:
         corners, weights = self._body.locate(points_mm)
         nodal = self._state["modes"][corners]  # (n, 3, K, 2)
         share = weights[:, :, None, None]
         local = share[:, 0] * nodal[:, 0] + share[:, 1] * nodal[:, 1] + share[:, 2] * nodal[:, 2]
-        return PolynomialProbe(local.transpose(1, 0, 2), self._state["amplitudes"], self._state["range_kpa"])
+        modes, amplitudes_mm = local.transpose(1, 0, 2), self._state["amplitudes"]
+        if len(self._basis.ranges) > 1:
+            return BasisProbe(modes, amplitudes_mm, self._basis)
+        return PolynomialProbe(modes, amplitudes_mm, self._state["range_kpa"])
 
-    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
+    def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
         if "bar_deviations" not in self._state:
             return None
         corners, weights = self._body.locate(points_mm)
-        chebyshev = Basis.of([self._state["range_kpa"]], len(self._state["amplitudes"]) - 1)(pressures_kpa)
-        roots = np.tensordot(chebyshev, self._state["spread"], axes=(1, 1))  # (P, N, L)
+        functions = self._basis(cases)
+        roots = np.tensordot(functions, self._state["spread"], axes=(1, 1))  # (P, N, L)
         nodal_mm = np.sqrt((roots**2).sum(axis=2) + self._state["noise_mm"] ** 2)
         if "bar_stretch" in self._state:
             nodal_mm *= self._state["bar_stretch"]
         # the deviation of a mean of three is at most the mean of the three
         deviation_mm = np.einsum("nc,pnc->pn", weights, nodal_mm[:, corners])
-        factor = np.interp(pressures_kpa, self._state["bar_kpa"], self._state["bar_deviations"])
+        factor = np.interp(self.along(cases), self._state["bar_kpa"], self._state["bar_deviations"])
         bars_mm: Floats = factor[:, None] * deviation_mm
         between = weights.max(axis=1) < 1 - AT_NODE
         if between.any():
@@ -89,7 +94,7 @@ class NodalSurrogate(Surrogate):
             except ModuleNotFoundError:  # a robot without SciPy
                 return None
             body = Triangulation(self._body.points_mm, self._body.simplices)
-            nodal = np.einsum("pk,nkc->pnc", chebyshev @ self._state["amplitudes"], self._state["modes"])
+            nodal = np.einsum("pk,nkc->pnc", functions @ self._state["amplitudes"], self._state["modes"])
             more_mm = interpolation_bars(body, nodal, points_mm[between])
             bars_mm[:, between] = np.hypot(bars_mm[:, between], more_mm)
         return bars_mm

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.simplices import SimplexMesh
-from pgdl_lab.surrogate.probe import Probe
+from pgdl_lab.surrogate.probe import Case, Probe
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES
 from pgdl_lab.surrogate.surrogate import Surrogate
@@ -29,11 +29,12 @@ class ProcessSurrogate(Surrogate):
         See `Surrogate`.
     state
         "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "places" (N, M), the inputs that stand for its
-        points; "unit_kpa" (), pressure per unit of the last input; all by the length scale. "inputs" (n, M + 1), of the
-        points learnt from, with "weights_mm" (n, 2), and "mean_mm" (2,). "size_mm" (), standard deviation of the
-        process, and "noise" (), variance of the noise by that of the process. With error bars "bar_kpa" (B,) and
-        "bar_deviations" (B,), pressures and the number of standard deviations that make a bar there, and where the body
-        has a stretch without training points "bar_stretch" (N,), how many times wider bars are.
+        points; "unit_kpa" (), pressure per unit of the last input, or "units" (D,), that of each of the last D; all by
+        the length scale. "inputs" (n, M + D), of the points learnt from, with "weights_mm" (n, 2), and "mean_mm" (2,).
+        "size_mm" (), standard deviation of the process, and "noise" (), variance of the noise by that of the process.
+        With error bars "bar_kpa" (B,) and "bar_deviations" (B,), how far along, see `limits.along`, and the number of
+        standard deviations that make a bar there, and where the body has a stretch without training points
+        "bar_stretch" (N,), how many times wider bars are.
     """
 
     shapes = {
@@ -41,6 +42,7 @@ class ProcessSurrogate(Surrogate):
         "triangles": (INDICES, "T", 3),
         "places": (FLOATS, "N", "M"),
         "unit_kpa": (FLOATS,),
+        "units": (FLOATS, "D"),
         "inputs": (FLOATS, "n", "I"),
         "weights_mm": (FLOATS, "n", 2),
         "mean_mm": (FLOATS, 2),
@@ -63,19 +65,21 @@ class ProcessSurrogate(Surrogate):
 
     def probe(self, points_mm: Floats) -> ProcessProbe:
         places = interpolated(self._body, self._state["places"], points_mm)
-        return ProcessProbe(self._state, covariance(places, self._state["inputs"][:, :-1]))
+        return ProcessProbe(self._state, covariance(places, self._state["inputs"][:, : places.shape[1]]))
 
-    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
+    def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
         state = self._state
         if "bar_deviations" not in state:
             return None
         probe = self.probe(points_mm)
-        known = np.empty((len(pressures_kpa), len(points_mm)))
-        for row, kpa in zip(known, pressures_kpa, strict=True):
-            by_pressure, _ = probe.along(float(kpa))
-            row[:] = ((probe.by_place @ (by_pressure * self._inverse_factor.T)) ** 2).sum(axis=1)
+        known = np.empty((len(cases), len(points_mm)))
+        for row, case in zip(known, cases, strict=True):
+            by_case, _ = probe.along(case)
+            row[:] = ((probe.by_place @ (by_case * self._inverse_factor.T)) ** 2).sum(axis=1)
         deviation_mm = state["size_mm"] * np.sqrt(np.maximum(1 + state["noise"] - known, state["noise"]))
-        bars_mm: Floats = np.interp(pressures_kpa, state["bar_kpa"], state["bar_deviations"])[:, None] * deviation_mm
+        bars_mm: Floats = (
+            np.interp(self.along(cases), state["bar_kpa"], state["bar_deviations"])[:, None] * deviation_mm
+        )
         if "bar_stretch" in state:
             bars_mm *= interpolated(self._body, state["bar_stretch"][:, None], points_mm)[:, 0]
         return bars_mm
@@ -92,19 +96,24 @@ class ProcessProbe(Probe):
 
     def __init__(self, state: Mapping[str, NDArray[Any]], by_place: Floats) -> None:
         self._state, self.by_place = state, by_place
+        self._units = state["units"] if "units" in state else state["unit_kpa"][None]
 
-    def value(self, kpa: float) -> Floats:
-        by_pressure, _ = self.along(kpa)
-        return self.by_place @ (by_pressure * self._state["weights_mm"]) + self._state["mean_mm"]
+    def value(self, case: Case) -> Floats:
+        by_case, _ = self.along(case)
+        return self.by_place @ (by_case * self._state["weights_mm"]) + self._state["mean_mm"]
 
-    def slope(self, kpa: float) -> Floats:
-        by_pressure, offset = self.along(kpa)
-        return self.by_place @ (-offset * by_pressure * self._state["weights_mm"]) / self._state["unit_kpa"]
+    def slope(self, case: Case) -> Floats:
+        by_case, offsets = self.along(case)
+        columns = [
+            self.by_place @ (-offset[:, None] * by_case * self._state["weights_mm"]) / unit
+            for offset, unit in zip(offsets.T, self._units, strict=True)
+        ]
+        return np.stack(columns, axis=-1) if np.ndim(case) else columns[0]
 
-    def along(self, kpa: float) -> tuple[Floats, Floats]:
-        """Covariance (n, 1) by the pressure, and its distance (n, 1) from that of each point learnt from."""
-        offset = kpa / self._state["unit_kpa"] - self._state["inputs"][:, -1:]
-        return np.exp(-(offset**2) / 2), offset
+    def along(self, case: Case) -> tuple[Floats, Floats]:
+        """Covariance (n, 1) by the inputs, and their distances (n, D) from those of each point learnt from."""
+        offsets = case / self._units - self._state["inputs"][:, -len(self._units) :]
+        return np.exp(-(offsets**2).sum(axis=1, keepdims=True) / 2), offsets
 
 
 def interpolated(body: SimplexMesh, nodal: Floats, points_mm: Floats) -> Floats:

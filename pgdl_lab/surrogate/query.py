@@ -1,13 +1,18 @@
-"""Questions to a surrogate, checked: points in mm and pressures in kPa."""
+"""Questions to a surrogate, checked: points in mm, pressures in kPa and other inputs."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import unit_of
 
 Floats = NDArray[np.float64]
+Asked = ArrayLike | Mapping[str, ArrayLike]
+"""A pressure [kPa] or several (P,), or numbers or (P,) of each input by its name."""
 
 
 def points_of(points_mm: ArrayLike) -> Floats:
@@ -24,18 +29,48 @@ def points_of(points_mm: ArrayLike) -> Floats:
     return points
 
 
-def pressures_of(pressure_kpa: ArrayLike) -> Floats:
-    """Pressures () or (P,) [kPa].
+def cases_of(asked: Asked, names: Sequence[str]) -> tuple[Floats, bool]:
+    """Cases, (P,) of one input or (P, D) of several, and whether one was asked for alone.
+
+    Parameters
+    ----------
+    asked
+        Numbers or (P,) of each input by its name; where there is one input, without its name too.
+    names
+        The D inputs.
 
     Raises
     ------
     InputError
-        When the shape is another, or a value is no finite number.
+        When an input is missing or unknown, a shape is wrong, or a value is no finite number.
     """
-    pressures = _numbers(pressure_kpa, "pressure_kpa")
-    if pressures.ndim > 1:
-        raise InputError(f"pressure_kpa has shape {pressures.shape}; it must be a number or (P,), in kPa.")
-    return pressures
+    if not isinstance(asked, Mapping):
+        if len(names) > 1:
+            raise InputError(
+                f"This surrogate has {len(names)} inputs: give each by its name, as in "
+                f"{{{', '.join(f'{name!r}: …' for name in names)}}}."
+            )
+        single = _values(asked, names[0])
+        return np.atleast_1d(single), not single.ndim
+    if set(asked) != set(names):
+        raise InputError(f"The inputs {', '.join(map(str, asked))} are given; it must be {', '.join(names)}.")
+    columns = [_values(asked[name], name) for name in names]
+    lengths = {len(column) for column in columns if column.ndim}
+    if len(lengths) > 1:
+        raise InputError(
+            f"The inputs have {' and '.join(map(str, sorted(lengths)))} values; give as many of each, or one."
+        )
+    cases = np.stack(np.broadcast_arrays(*map(np.atleast_1d, columns)), axis=1)
+    return (cases[:, 0] if len(names) == 1 else cases), not lengths
+
+
+def _values(given: ArrayLike, name: str) -> Floats:
+    """Values () or (P,) of an input."""
+    values = _numbers(given, name)
+    if values.ndim > 1:
+        unit = f", in {unit_of(name)}" if unit_of(name) else ""
+        raise InputError(f"{name} has shape {values.shape}; it must be a number or (P,){unit}.")
+    return values
 
 
 def _numbers(values: ArrayLike, name: str) -> Floats:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -16,12 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.heard import WARNINGS
+from pgdl_lab.core.inputs import PRESSURE
 from pgdl_lab.core.plotting import plot_face
 from pgdl_lab.surrogate import archive
+from pgdl_lab.surrogate.at import At
 from pgdl_lab.surrogate.inverse import Answer, Inverse
-from pgdl_lab.surrogate.limits import Limits, Outside, TooFar
-from pgdl_lab.surrogate.probe import Probe
-from pgdl_lab.surrogate.query import points_of, pressures_of
+from pgdl_lab.surrogate.limits import along
+from pgdl_lab.surrogate.outside import Watched
+from pgdl_lab.surrogate.probe import Case, Probe
+from pgdl_lab.surrogate.query import Asked, cases_of, points_of
 from pgdl_lab.surrogate.record import Record, arrays_of
 from pgdl_lab.surrogate.shapes import Shapes
 
@@ -37,8 +39,11 @@ ERROR = "surrogate_error"  # in the provenance: what was found at points that we
 Floats = NDArray[np.float64]
 
 
-class Surrogate(ABC):
-    """The displacement of the side face as a function of place and pressure. Threads may share one.
+class Surrogate(Watched):
+    """The displacement of the side face as a function of place and inputs. Threads may share one.
+
+    The input is the pressure, or there are several, each with a name that ends with its unit. What is said of a
+    pressure below holds for a case of these too, where it is given as {"pressure_kpa": 20.0, "gravity_deg": 30.0}.
 
     Parameters
     ----------
@@ -50,25 +55,23 @@ class Surrogate(ABC):
     Attributes
     ----------
     outside
-        What a question is answered with that the surrogate was not trained for, a pressure a little outside the trained
+        What a question is answered with that the surrogate was not trained for, an input a little outside the trained
         ones or a point off the body: "warn" (once for each of the two), "raise" or "ignore".
     shapes
         What `state` must look like.
     limits
-        The pressures that it was trained on, and those that it answers.
+        Of each input the values that it was trained on, and those that it answers.
+    inputs
+        Names of the inputs.
     knows_body
         Whether a point off the body counts as the nearest one on it; else it is answered where it lies.
     """
 
     shapes: ClassVar[Shapes] = {}
-    knows_body: bool = True
 
     def __init__(self, model: Mapping[str, Any], record: Record) -> None:
+        super().__init__(record)
         self.model = dict(model)
-        self.record = record
-        self.outside = "warn"
-        self._warned: dict[str, object] = {}
-        self.limits = Limits.of(record.ranges)
         self._last: tuple[Floats, Probe] | None = None  # control loops ask for the same points again and again
 
     @abstractmethod
@@ -80,20 +83,23 @@ class Surrogate(ABC):
         """The surrogate at checked points (N, 2) [mm]; those off the body, see `knows_body`."""
 
     def __repr__(self) -> str:
-        low, high = self.record.ranges["pressure_kpa"]
         finger = self.record.provenance.get("finger")
         of = f" of finger {finger['name']}" if isinstance(finger, dict) and "name" in finger else ""
         told = f", {self.error['rms_mm']:.2g} mm RMS off at points not trained on" if self.error else ""
-        return f"<surrogate {self.model['name']}{of}: {low:g} to {high:g} kPa{told}>"
+        heads = ["" if name == PRESSURE else f"{name} from " for name in self.inputs]
+        known = zip(heads, map(self.trained_range, self.limits), strict=True)
+        ranges = ", ".join(head + values for head, values in known)
+        return f"<surrogate {self.model['name']}{of}: {ranges}{told}>"
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of points, pressure and displacement."""
-        return dict(UNITS)
+        """Units of points, inputs and displacement."""
+        known = {limit.name.removesuffix("_kpa"): limit.unit for limit in self.limits}
+        return {"points": UNITS["points"], **known, "displacement": UNITS["displacement"]}
 
     @property
     def ranges(self) -> dict[str, list[float]]:
-        """Least and greatest training value: "x_mm", "z_mm" and "pressure_kpa"."""
+        """Least and greatest training value: "x_mm", "z_mm" and each input, such as "pressure_kpa"."""
         return {name: list(bounds) for name, bounds in self.record.ranges.items()}
 
     @property
@@ -109,7 +115,7 @@ class Surrogate(ABC):
         """
         return dict(self.record.provenance.get(ERROR, {}))
 
-    def plot(self, pressure_kpa: float, axes: Axes | None = None) -> Axes:
+    def plot(self, pressure_kpa: Asked, axes: Axes | None = None) -> Axes:
         """Draw the bent side face at a pressure [kPa] over its shape at rest, on `axes` or in a new figure of pyplot.
 
         Raises
@@ -118,15 +124,21 @@ class Surrogate(ABC):
             See `predict`.
         """
         domain = self.domain
-        moved_mm = self.predict(domain.points_mm, float(pressure_kpa))
-        title = f"model {self.model['name']} at {pressure_kpa:g} kPa"
+        moved_mm = self.predict(domain.points_mm, pressure_kpa)
+        if moved_mm.ndim != 2:
+            raise InputError("A picture shows one case: give one value of each input.")
+        (case,), _ = cases_of(pressure_kpa, self.inputs)
+        where = [limit.told(value) for limit, value in zip(self.limits, np.atleast_1d(case), strict=True)]
+        title = f"model {self.model['name']} at {', '.join(where)}"
         return plot_face(domain.points_mm, domain.cells, domain.base, moved_mm, title, axes)
 
     def _repr_html_(self) -> str:
         """The viewer, for notebooks."""
         from pgdl_lab.surrogate.viewer import framed
 
-        return framed(self, f"Surrogate “{self.model['name']}”")
+        middle = {limit.name: (limit.trained.low + limit.trained.high) / 2 for limit in self.limits[1:]}
+        told = "".join(f", {name} = {value:g}" for name, value in middle.items())
+        return framed(self.holding(**middle) if middle else self, f"Surrogate “{self.model['name']}”{told}")
 
     @property
     def domain(self) -> Domain:
@@ -146,7 +158,7 @@ class Surrogate(ABC):
         """The end of the undeformed base line (2,) [mm]."""
         return self.domain.tip_mm
 
-    def predict(self, points_mm: ArrayLike, pressure_kpa: ArrayLike, *, beyond: bool = False) -> Floats:
+    def predict(self, points_mm: ArrayLike, pressure_kpa: Asked, *, beyond: bool = False) -> Floats:
         """Displacement of points of the undeformed face.
 
         Parameters
@@ -154,9 +166,9 @@ class Surrogate(ABC):
         points_mm
             (N, 2), x and z of the undeformed points [mm].
         pressure_kpa
-            A number or (P,) [kPa].
+            A number or (P,) [kPa]. With several inputs numbers or (P,) of each by its name.
         beyond
-            Whether pressures outside `allowed_kpa` are answered too, with whatever comes out.
+            Whether inputs outside those allowed, see `limits`, are answered too, with whatever comes out.
 
         Returns
         -------
@@ -165,15 +177,17 @@ class Surrogate(ABC):
         Raises
         ------
         TooFar
-            When a pressure lies outside `allowed_kpa`, unless `beyond`.
+            When an input lies outside those allowed, unless `beyond`.
         InputError
-            When a shape is wrong or a value is not a finite number; with outside="raise" also when a pressure or a
+            When a shape is wrong or a value is not a finite number; with outside="raise" also when an input or a
             point lies outside what was trained.
         """
-        points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
-        self._check_pressures(points, pressures, beyond)
+        points, (cases, single) = points_of(points_mm), cases_of(pressure_kpa, self.inputs)
+        self.check_cases(points, cases, beyond)
         probe = self._probed(points)
-        return probe.values(pressures) if pressures.ndim else probe.value(float(pressures))
+        if not single:
+            return probe.values(cases)
+        return probe.value(float(cases[0]) if cases.ndim == 1 else cases[0])
 
     def at(self, points_mm: ArrayLike, *, beyond: bool = False) -> At:
         """The surrogate at fixed points, for control loops: `at(points)(kpa)` is `predict(points, kpa)`, but faster.
@@ -186,17 +200,20 @@ class Surrogate(ABC):
         points = points_of(points_mm)
         return At(self, points, self._probed(points), beyond)
 
-    def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
-        """Error bars (P, N) [mm] at checked points (N, 2) [mm] and pressures (P,) [kPa]; None: has none."""
+    def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
         return None
 
-    def error_bar(self, points_mm: ArrayLike, pressure_kpa: ArrayLike, *, beyond: bool = False) -> Floats | None:
+    def along(self, cases: Floats) -> Floats:
+        """See `limits.along`."""
+        return along(cases, [self.record.ranges[name] for name in self.inputs]) if cases.ndim > 1 else cases
+
+    def error_bar(self, points_mm: ArrayLike, pressure_kpa: Asked, *, beyond: bool = False) -> Floats | None:
         """What the model itself expects to err by: |error| of u_x, and of u_z, stays below it in 95 of 100 cases.
 
         Parameters
         ----------
         points_mm, pressure_kpa, beyond
-            See `predict`. No bar is to be relied on outside `allowed_kpa` or off the body.
+            See `predict`. No bar is to be relied on outside the allowed inputs or off the body.
 
         Returns
         -------
@@ -205,14 +222,14 @@ class Surrogate(ABC):
         Raises
         ------
         InputError
-            When a shape is wrong or a value is not a finite number, or a pressure lies outside `allowed_kpa`, unless
+            When a shape is wrong or a value is not a finite number, or an input lies outside those allowed, unless
             `beyond`.
         """
-        points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
+        points, (cases, single) = points_of(points_mm), cases_of(pressure_kpa, self.inputs)
         if not beyond:
-            self._check_distance(pressures)
-        bars = self.bars(points, np.atleast_1d(pressures))
-        return bars if bars is None or pressures.ndim else bars[0]
+            self.check_distance(cases)
+        bars = self.bars(points, cases)
+        return bars[0] if single and bars is not None else bars
 
     def pressure_for(
         self,
@@ -239,21 +256,36 @@ class Surrogate(ABC):
         Raises
         ------
         InputError
-            When not exactly one target is given, or it is not made of finite numbers.
+            When not exactly one target is given, it is not made of finite numbers, or there are several inputs.
         """
         return self._inverse.pressure_for(tip, curvature, tolerance)
 
     @cached_property
     def _inverse(self) -> Inverse:
-        return Inverse(self.domain, self.probe, self.trained_kpa()[0], self.ranges["pressure_kpa"][1])
+        if len(self.inputs) > 1:
+            others = ", ".join(f"{name}=…" for name in self.inputs[1:])
+            raise InputError(f"A pressure is sought at fixed other inputs: ask surrogate.holding({others}).")
+        return Inverse(self.domain, self.probe, self.limits[0].trained.low, self.ranges[self.inputs[0]][1])
+
+    def holding(self, **values: float) -> Surrogate:
+        """The surrogate with all inputs but the first held at `values`, so that it is one of the first alone.
+
+        Raises
+        ------
+        InputError
+            When an input is missing or unknown, or a value lies outside what is allowed.
+        """
+        case, _ = cases_of({self.inputs[0]: self.limits[0].trained.low, **values}, self.inputs)
+        self.check_distance(case)
+        return Holding(self, case.reshape(-1)[1:])
 
     def trained_kpa(self) -> tuple[float, float]:
         """Least and greatest pressure that count as trained [kPa]."""
-        return self.limits.trained.low, self.limits.trained.high
+        return self.limits[0].trained.low, self.limits[0].trained.high
 
     def allowed_kpa(self) -> tuple[float, float]:
         """Least and greatest pressure that is answered [kPa], see `Limits.of`."""
-        return self.limits.allowed.low, self.limits.allowed.high
+        return self.limits[0].allowed.low, self.limits[0].allowed.high
 
     def save(self, path: str | Path) -> None:
         """Write the surrogate to `path`, in the safetensors format; the file appears there only when it is complete."""
@@ -273,124 +305,47 @@ class Surrogate(ABC):
         last = self._last
         if last is not None and np.array_equal(last[0], points_mm):
             return last[1]
-        self._check_points(points_mm)
+        self.check_points(points_mm)
         probe = self.probe(points_mm)
         self._last = points_mm.copy(), probe
         return probe
 
-    def _settled(self, what: str) -> bool:
-        """Whether nothing more is to be said of "points" or "pressures" outside."""
-        return self.outside == "ignore" or (self.outside == "warn" and what in self._warned)
 
-    def _check_points(self, points_mm: Floats) -> None:
-        domain = self.record.domain
-        if domain is None or self._settled("points") or not len(points_mm):
-            return
-        distance_mm = domain.mesh.distance_mm(points_mm, *domain.locate(points_mm))
-        off = np.flatnonzero(distance_mm > domain.mesh.tolerance_mm)
-        if len(off):
-            x, z = points_mm[distance_mm.argmax()]
-            self._complain(
-                "points",
-                lambda: (
-                    f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, "
-                    f"z = {z:g} mm by {distance_mm.max():.3g} mm: give points in mm on the body; each "
-                    f"{'counts as the nearest point on it' if self.knows_body else 'is answered where it lies'}"
-                    ", and no error bar tells how far off that is."
-                ),
-            )
-
-    def _check_pressures(self, points_mm: Floats, pressures_kpa: Floats, beyond: bool) -> None:
-        trained = self.limits.trained
-        if trained.holds(pressures_kpa):
-            return
-        if not beyond:
-            self._check_distance(pressures_kpa)
-        if self._settled("pressures"):
-            return
-
-        def message() -> str:
-            farthest = trained.farthest(pressures_kpa)
-            return (
-                f"{farthest:g} kPa lies outside the trained {self._trained()} kPa: give pressures in kPa within them, "
-                f"or take the answer as an extrapolation{self._told_bar(points_mm, farthest)}."
-            )
-
-        self._complain("pressures", message)
-
-    def _check_distance(self, pressures_kpa: Floats) -> None:
-        """Refuse pressures outside `allowed_kpa`."""
-        allowed = self.limits.allowed
-        if not allowed.holds(pressures_kpa):
-            raise TooFar(
-                f"{allowed.farthest(pressures_kpa):g} kPa lies too far outside the trained {self._trained()} kPa for "
-                f"an answer to be worth anything: give pressures in kPa from {allowed.low:g} to {allowed.high:g}, "
-                "train on higher ones, or pass beyond=True for whatever comes out."
-            )
-
-    def _trained(self) -> str:
-        return "{:g} to {:g}".format(*self.record.ranges["pressure_kpa"])
-
-    def _told_bar(self, points_mm: Floats, kpa: float) -> str:
-        bars = self.bars(points_mm, np.array([kpa])) if len(points_mm) else None
-        return " without an error bar" if bars is None else f", with an error bar of up to {bars.max():.2g} mm"
-
-    def _complain(self, what: str, message: Callable[[], str]) -> None:
-        if self.outside == "raise":
-            raise InputError(message())
-        own = object()
-        if self._warned.setdefault(what, own) is own:  # true of one thread alone
-            warnings.warn(message(), Outside, stacklevel=_outside_this_file())
-
-
-def _outside_this_file() -> int:
-    """The stack level, from the function that calls this one, of the line that asked a surrogate something."""
-    level, frame = 1, sys._getframe(1)
-    while frame.f_code.co_filename == __file__ and frame.f_back is not None:
-        level, frame = level + 1, frame.f_back
-    return level
-
-
-class At:
-    """A surrogate at fixed points; see `Surrogate.at`.
+class Holding(Surrogate):
+    """A surrogate of the first input alone; see `Surrogate.holding`.
 
     Parameters
     ----------
-    surrogate
-        The surrogate.
-    points_mm
-        (N, 2), checked points [mm].
-    probe
-        The surrogate at them.
-    beyond
-        Whether any pressure is answered.
+    whole
+        That of all inputs.
+    others
+        (D − 1,), values of the inputs after the first.
     """
 
-    def __init__(self, surrogate: Surrogate, points_mm: Floats, probe: Probe, beyond: bool = False) -> None:
-        self._surrogate, self._points_mm, self._probe, self._beyond = surrogate, points_mm, probe, beyond
-        trained, allowed = surrogate.limits.trained, surrogate.limits.allowed
-        largest = sys.float_info.max  # infinite pressures are named below
-        self._low, self._high = max(trained.least, -largest), min(trained.most, largest)
-        self._least, self._most = (-largest, largest) if beyond else (allowed.least, allowed.most)
+    def __init__(self, whole: Surrogate, others: Floats) -> None:
+        ranges = {name: bounds for name, bounds in whole.record.ranges.items() if name not in whole.inputs[1:]}
+        super().__init__(whole.model, replace(whole.record, ranges=ranges))
+        self.knows_body, self.outside = whole.knows_body, whole.outside
+        self._whole, self._others = whole, others
 
-    def __call__(self, pressure_kpa: float) -> Floats:
-        """Displacement (N, 2) [mm] at a pressure [kPa]."""
-        return self._probe.value(self._checked(pressure_kpa))
+    def state(self) -> dict[str, NDArray[Any]]:
+        raise InputError("A surrogate whose inputs are held is not kept: save the one of all inputs.")
 
-    def slope(self, pressure_kpa: float) -> Floats:
-        """Derivative (N, 2) of the displacement by the pressure [mm/kPa]."""
-        return self._probe.slope(self._checked(pressure_kpa))
+    def probe(self, points_mm: Floats) -> Probe:
+        return _Slice(self._whole.probe(points_mm), self._others)
 
-    def _checked(self, kpa: float) -> float:
-        try:
-            if self._low <= kpa <= self._high:  # not so for NaN
-                return float(kpa)
-            if self._least <= kpa <= self._most and self._surrogate._settled("pressures"):
-                return float(kpa)
-        except (TypeError, ValueError):
-            pass  # what is no number is named below
-        pressure = pressures_of(kpa)
-        if pressure.ndim:
-            raise InputError(f"pressure_kpa has shape {pressure.shape}; it must be one number in kPa, or use predict.")
-        self._surrogate._check_pressures(self._points_mm, pressure, self._beyond)
-        return float(pressure)
+    def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
+        return self._whole.bars(points_mm, np.column_stack([cases, np.tile(self._others, (len(cases), 1))]))
+
+
+class _Slice(Probe):
+    """A probe of the first input alone."""
+
+    def __init__(self, probe: Probe, others: Floats) -> None:
+        self._probe, self._others = probe, others
+
+    def value(self, case: Case) -> Floats:
+        return self._probe.value(np.array([case, *self._others]))
+
+    def slope(self, case: Case) -> Floats:
+        return self._probe.slope(np.array([case, *self._others]))[..., 0]

@@ -15,19 +15,20 @@ if TYPE_CHECKING:
 
     from pgdl_lab.learning.data import Training
     from pgdl_lab.learning.modal import ModalField
+    from pgdl_lab.surrogate.basis import Basis
 
 
 @register("model", "body")
 @dataclass(frozen=True)
 class Body(NeuralModel):
-    """A network of the body's Laplace eigenfunctions, polynomial in the pressure; see `ModalField`.
+    """A network of the body's Laplace eigenfunctions, polynomial in the inputs; see `ModalField`.
 
     Attributes
     ----------
     modes
         Number of eigenfunctions; bodies of fewer than 4 times as many points get a quarter of their points.
     degree
-        Degree of the polynomials in the pressure.
+        Degree of the polynomials in the pressure; in several inputs together at most that.
     """
 
     depth: int = 3
@@ -43,6 +44,7 @@ class Body(NeuralModel):
     def new_field(self, training: Training) -> ModalField:
         import torch
 
+        from pgdl_lab.learning.polynomials import basis_of
         from pgdl_lab.surrogate.triangulation import Triangulation
 
         scene = training.scene
@@ -53,20 +55,24 @@ class Body(NeuralModel):
             torch.from_numpy(scene.domain.cells),
             torch.from_numpy(modes),
             torch.from_numpy(eigenvalues),
-            torch.tensor([0.0, training.samples.pressures_kpa.max()]),
+            basis_of(training.samples.cases, self.degree),
         )
         field.start_from(training.samples)
         return field
 
     def stored_field(self, state: Mapping[str, Tensor]) -> ModalField:
-        return self._field(*(state[name] for name in ("points_mm", "triangles", "modes", "eigenvalues", "range_kpa")))
+        from pgdl_lab.surrogate.basis import Basis
 
-    def _field(
-        self, points_mm: Tensor, triangles: Tensor, modes: Tensor, eigenvalues: Tensor, range_kpa: Tensor
-    ) -> ModalField:
+        basis = Basis.restored({name: each.numpy() for name, each in state.items()}, len(state["linear.weight"]) // 2)
+        points_mm, triangles, modes, values = (
+            state[name] for name in ("points_mm", "triangles", "modes", "eigenvalues")
+        )
+        return self._field(points_mm, triangles, modes, values, basis)
+
+    def _field(self, points_mm: Tensor, triangles: Tensor, modes: Tensor, values: Tensor, basis: Basis) -> ModalField:
         from pgdl_lab.learning.layers import DTYPES, fully_connected
         from pgdl_lab.learning.modal import ModalField
 
-        deep = fully_connected(modes.shape[1], 2 * (self.degree + 1), self.depth, self.width, self.activation)
+        deep = fully_connected(modes.shape[1], 2 * len(basis.degrees), self.depth, self.width, self.activation)
         dtype = DTYPES[self.dtype]
-        return ModalField(points_mm, triangles, modes, eigenvalues, range_kpa, deep, self.degree, dtype)
+        return ModalField(points_mm, triangles, modes, values, basis, deep, dtype)

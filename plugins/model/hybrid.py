@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from pgdl_lab.core.errors import InputError, LabError
+from pgdl_lab.core.inputs import PRESSURE
 from pgdl_lab.core.registry import describe, names, register
 from pgdl_lab.learning.neural import TrainedModel
 
@@ -109,6 +110,8 @@ class Hybrid(TrainedModel):
 
         if self.guide == "none":
             return "model.guide is none"
+        if training.samples.cases.names != [PRESSURE]:
+            return "a guide knows no other input than the pressure"
         with threads(training.trainer.threads):
             try:
                 nodal = self._guide(training)
@@ -138,7 +141,7 @@ class Hybrid(TrainedModel):
             torch.tensor([0.0, training.whole.pressures_kpa.max()], dtype=torch.double),
             fully_connected(1, MOTIONS * (self.correction_degree + 1), self.depth, self.width, self.activation),
         )
-        few = np.random.default_rng(training.seed).permutation(len(samples.pressures_kpa))[:ENOUGH]
+        few = np.random.default_rng(training.seed).permutation(len(samples))[:ENOUGH]
         field.scale_to(samples)
         return field, samples.at(np.sort(few))
 

@@ -1,4 +1,4 @@
-"""Model `mlp`: a plain fully connected network of place and pressure."""
+"""Model `mlp`: a plain fully connected network of place and inputs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @register("model", "mlp")
 @dataclass(frozen=True)
 class Mlp(NeuralModel):
-    """A fully connected network of (x, z, p), as in the paper (section II-E).
+    """A fully connected network of (x, z, p), as in the paper (section II-E), p all inputs.
 
     Attributes
     ----------
@@ -39,16 +39,17 @@ class Mlp(NeuralModel):
 
     def new_field(self, training: Training) -> PlaneField:
         samples = training.samples
-        inputs = np.column_stack([samples.points_mm, samples.pressures_kpa])
+        inputs = np.column_stack([samples.points_mm, samples.cases.values])
         return self._field(inputs.min(axis=0), inputs.max(axis=0), *(
             bound(samples.displacements_mm, axis=0) for bound in (np.min, np.max)
         ))  # fmt: skip
 
     def stored_field(self, state: Mapping[str, Tensor]) -> PlaneField:
-        return self._field(np.zeros(3), np.ones(3), np.zeros(2), np.ones(2))
+        count = len(state["layers.0.scale"])
+        return self._field(np.zeros(count), np.ones(count), np.zeros(2), np.ones(2))
 
     def _field(self, low_in: np.ndarray, high_in: np.ndarray, low_out: np.ndarray, high_out: np.ndarray) -> PlaneField:
-        """The network between two scalings, for the given ranges of inputs (3,) and outputs (2,)."""
+        """The network between two scalings, for the given ranges of inputs (2 + D,) and outputs (2,)."""
         import torch
 
         from pgdl_lab.learning.field import PlaneField
@@ -61,7 +62,7 @@ class Mlp(NeuralModel):
         scale_in, scale_out = (high - low) / span_in, span_out / (high - low)
         layers = torch.nn.Sequential(
             Affine(torch.from_numpy(scale_in), torch.from_numpy(low - low_in * scale_in)),
-            *fully_connected(3, 2, self.depth, self.width, self.activation),
+            *fully_connected(len(low_in), 2, self.depth, self.width, self.activation),
             Affine(torch.from_numpy(scale_out), torch.from_numpy(low_out - low * scale_out)),
         )
         return PlaneField(layers, DTYPES[self.dtype])

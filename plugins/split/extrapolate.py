@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import PRESSURE, Cases
 from pgdl_lab.core.registry import register
 from pgdl_lab.core.split import ROUNDING, Split, nearest
 
@@ -13,7 +14,7 @@ from pgdl_lab.core.split import ROUNDING, Split, nearest
 @register("split", "extrapolate")
 @dataclass(frozen=True)
 class ExtrapolateSplit(Split):
-    """Points drawn at random from the snapshots up to a cut-off pressure (paper, section IV-A, second approach).
+    """Points drawn at random from the cases up to a cut-off pressure (paper, section IV-A, second approach).
 
     Attributes
     ----------
@@ -21,10 +22,14 @@ class ExtrapolateSplit(Split):
         Cut-off as a fraction of the highest pressure: 0.88 of 50 kPa are the paper's 44 kPa.
     tested
         Fractions of the highest pressure that tables and figures show: the paper's 45, 47 and 50 kPa.
+    input
+        The input that is cut off; of another one than the pressure the fraction is that of its way from the least
+        value to the greatest.
     """
 
     train_fraction: float = 0.88
     tested: list[float] = field(default_factory=lambda: [0.90, 0.94, 1.0])
+    input: str = PRESSURE
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -38,9 +43,13 @@ class ExtrapolateSplit(Split):
                 "up to 1."
             )
 
-    def seen(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return pressures_kpa <= self.train_fraction * pressures_kpa[-1] * (1 + ROUNDING)
+    def seen(self, cases: Cases) -> NDArray[np.bool_]:
+        if self.input not in cases.names:
+            raise InputError(f"split.input is '{self.input}'; the inputs of these data are {', '.join(cases.names)}.")
+        values = cases.column(self.input)
+        low = 0.0 if self.input == PRESSURE else values.min()
+        return values - low <= self.train_fraction * (values.max() - low) * (1 + ROUNDING)
 
-    def highlights(self, pressures_kpa: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Indices of the snapshots nearest to the tested fractions of the highest pressure."""
-        return nearest(pressures_kpa, np.array(self.tested) * pressures_kpa[-1])
+    def highlights(self, cases: Cases) -> NDArray[np.int64]:
+        """Indices of the cases nearest to the tested fractions of the highest pressure."""
+        return nearest(cases.pressures_kpa, np.array(self.tested) * cases.pressures_kpa[-1])

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.model import Model
 from pgdl_lab.learning.module import TrainingDiverged, TrainingModule
@@ -194,5 +195,5 @@ def test_gpu_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_one_pressure_is_enough_to_train_on(tmp_path: Path) -> None:
     whole = training(tmp_path, LOSSES, validation=0.0)
-    samples = replace(whole.samples, pressures_kpa=np.full(len(TRAIN), 20.0))
+    samples = replace(whole.samples, cases=Cases.path(np.full(len(TRAIN), 20.0)))
     assert np.isfinite(mlp().fit(replace(whole, samples=samples)).predict(samples.points_mm[:2], 20.0)).all()

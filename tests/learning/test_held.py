@@ -9,6 +9,7 @@ import pytest
 import scipy.stats
 import torch
 
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.neural import TrainedModel
@@ -108,9 +109,9 @@ def test_bars_beyond_are_calibrated_on_the_highest_pressures_of_a_fit_to_those_b
 
     def ratios(held: Any, judged: Any) -> Any:
         asked.append((kpa[held], kpa[judged]))
-        return np.full((judged.sum(), 2), within if len(asked) < fits(800) else beyond)
+        return np.full((judged.sum(), 2), within if len(asked) < fits(Cases.path(kpa)) else beyond)
 
-    found = bar_deviations(kpa, ratios, np.random.default_rng(0))
+    found = bar_deviations(Cases.path(kpa), ratios, np.random.default_rng(0))
     assert found is not None
     bar_kpa, deviations = found
     held, judged = asked[-1]
@@ -122,7 +123,7 @@ def test_bars_beyond_are_calibrated_on_the_highest_pressures_of_a_fit_to_those_b
 
 def test_samples_of_one_pressure_tell_nothing_of_those_beyond() -> None:
     found = bar_deviations(
-        np.full(30, 20.0), lambda held, judged: np.full((judged.sum(), 2), 4.0), np.random.default_rng(0)
+        Cases.path(np.full(30, 20.0)), lambda held, judged: np.full((judged.sum(), 2), 4.0), np.random.default_rng(0)
     )
     assert found is not None and found[1] == pytest.approx([4.0, 4.0, 4.0]) and found[0][1] == 20
 
@@ -133,7 +134,7 @@ def test_bars_follow_errors_that_outgrow_what_is_expected_of_them_as_the_pressur
     kpa = rng.uniform(0, 50, 1000)
     size = 1 + growth * kpa / 50
     errors = size[:, None] * np.abs(rng.standard_normal((1000, 2)))
-    found = bar_deviations(kpa, lambda held, judged: errors[judged], np.random.default_rng(0))
+    found = bar_deviations(Cases.path(kpa), lambda held, judged: errors[judged], np.random.default_rng(0))
     assert found is not None
     line = np.interp(kpa, *found)[:, None]
     if growth < 0:  # none is told too narrow because a few happened to err less at the highest pressures
@@ -158,7 +159,7 @@ def test_fewer_points_than_tell_what_95_of_100_lie_below_have_no_bars(
     assert surrogate.error_bar([[20.0, 5.0]], 20.0) is None
     told = "18 points are too few to tell how far the model errs, so it has no error bars: train on 19 points at least."
     assert told in caplog.text
-    assert "without an error bar" in surrogate._told_bar(np.array([[20.0, 5.0]]), 60.0)
+    assert "without an error bar" in surrogate._told_bar(np.array([[20.0, 5.0]]), np.array([60.0]))
 
 
 def test_of_few_samples_all_are_held_out_in_turn_and_of_many_a_tenth_is() -> None:
@@ -169,9 +170,10 @@ def test_of_few_samples_all_are_held_out_in_turn_and_of_many_a_tenth_is() -> Non
             seen.append(np.flatnonzero(held))
             return np.ones((asked.sum(), 2))
 
-        bar_deviations(np.linspace(1, 50, count), ratios, np.random.default_rng(0))
+        cases = Cases.path(np.linspace(1, 50, count))
+        bar_deviations(cases, ratios, np.random.default_rng(0))
         inside = np.concatenate(seen[:-1])
-        assert len(seen) == fits(count) and len(inside) == len(np.unique(inside)) == judged
+        assert len(seen) == fits(cases) and len(inside) == len(np.unique(inside)) == judged
 
 
 @pytest.mark.parametrize("name", ["body", "pod", "finite_element", "gaussian_process"])

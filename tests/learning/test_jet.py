@@ -167,7 +167,7 @@ def test_derivatives_are_physical_whatever_the_scaling(tmp_path: Path) -> None:
         last.weight.copy_(torch.tensor([[1.0], [0.0]]))
         last.bias.zero_()
     points = torch.tensor([[10.0, 5.0], [100.0, 1.0]], dtype=torch.double)
-    jet = field.jet(field.coordinates(points.numpy(), 2), torch.tensor([10.0, 20.0], dtype=torch.double), 2)
+    jet = field.jet(field.coordinates(points.numpy(), 2), torch.tensor([[10.0], [20.0]], dtype=torch.double), 2)
     x_low, x_high, z_low, z_high = 0.0, 114.0, 0.0, 17.0
     amplitude = float(scale_out.scale[0])
     phase = 2 * (points[:, 0] - x_low) / (x_high - x_low) + 3 * (points[:, 1] - z_low) / (z_high - z_low)

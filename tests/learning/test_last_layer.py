@@ -195,7 +195,7 @@ def test_features_and_the_last_layer_give_the_field(tmp_path: Path) -> None:
         field = plugin("model", name)(depth=2, width=8, dtype="float64").new_field(training(tmp_path, {"data": {}}))
         torch.nn.init.normal_((field.deep if name == "body" else field.layers[:-1])[-1].weight)
         coordinates, kpa = field.coordinates(small().domain.points_mm[::9], 0), torch.tensor(30.0, dtype=torch.double)
-        kpa = kpa.expand(coordinates.shape[1])
+        kpa = kpa.expand(coordinates.shape[1], 1)
         with torch.no_grad():
             place, pressure = field.features(coordinates, kpa)
             products = torch.einsum("nh,nk->nkh", place, pressure).flatten(1)

@@ -73,7 +73,7 @@ def test_physics_is_visited_up_to_the_highest_pressure_of_interest(tmp_path: Pat
         assert INTEREST_KPA - 1 < kpa.max() <= INTEREST_KPA and kpa.min() < 5
         assert float((kpa > TRAINED_KPA).float().mean()) == pytest.approx(7.5 / 47.5, abs=0.04)
     kpa, targets, rows = seen["data"]
-    assert torch.equal(kpa, objective.pressures) and torch.equal(targets, objective.targets) and rows == 1
+    assert torch.equal(kpa, objective.cases[:, 0]) and torch.equal(targets, objective.targets) and rows == 1
     assert seen["physics"][1].isnan().all() and seen["physics"][2] == 6
 
 
@@ -81,13 +81,13 @@ def test_physics_shares_the_training_points_where_they_reach_all_pressures(tmp_p
     seen, objective = visited(tmp_path, TRAINED_KPA)
     for name in ("data", "physics"):
         kpa, targets, rows = seen[name]
-        assert torch.equal(kpa, objective.pressures) and torch.equal(targets, objective.targets) and rows == 6
+        assert torch.equal(kpa, objective.cases[:, 0]) and torch.equal(targets, objective.targets) and rows == 6
     assert seen["own"][0].max() <= TRAINED_KPA * (1 + 1e-6)
 
 
 def test_physics_stays_within_the_trained_pressures_if_that_is_asked_for(tmp_path: Path) -> None:
     seen, objective = visited(tmp_path, INTEREST_KPA, beyond=False)
-    assert torch.equal(seen["physics"][0], objective.pressures) and seen["data"][2] == 6
+    assert torch.equal(seen["physics"][0], objective.cases[:, 0]) and seen["data"][2] == 6
     assert seen["own physics"][0].max() <= TRAINED_KPA * (1 + 1e-6)
     assert seen["own"][0].max() > INTEREST_KPA - 1  # of the clamp, which is no physics
 
@@ -106,7 +106,7 @@ def test_the_papers_physics_is_where_its_data_are(typed: str, beyond: bool) -> N
 
 def test_an_interest_that_rounding_puts_above_the_data_is_within_them(tmp_path: Path) -> None:
     seen, objective = visited(tmp_path, TRAINED_KPA * (1 + 1e-12))
-    assert torch.equal(seen["physics"][0], objective.pressures) and not seen["physics"][1].isnan().any()
+    assert torch.equal(seen["physics"][0], objective.cases[:, 0]) and not seen["physics"][1].isnan().any()
 
 
 def test_nothing_to_minimise_is_refused(tmp_path: Path) -> None:

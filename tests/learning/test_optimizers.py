@@ -49,7 +49,7 @@ def test_levenberg_marquardt_solves_a_linear_problem_at_once(tmp_path: Path) -> 
     first, last = (layer for layer in field.layers if isinstance(layer, torch.nn.Linear))
     first.requires_grad_(False)
     objective = Objective(field, whole.losses, whole.samples, whole.scene, whole.balancing)
-    everything = torch.arange(objective.pressures.numel())
+    everything = torch.arange(len(objective.cases))
 
     class LastLayer(LevenbergMarquardt):
         def _curvature(self) -> torch.Tensor:
@@ -66,9 +66,7 @@ def test_levenberg_marquardt_solves_a_linear_problem_at_once(tmp_path: Path) -> 
 
     assert optimizer.improve(closure)
     reached = float(closure())
-    hidden = torch.nn.Sequential(*list(field.layers)[:3])(
-        torch.cat([objective.inputs[0], objective.pressures[:, None]], dim=1)
-    )
+    hidden = torch.nn.Sequential(*list(field.layers)[:3])(torch.cat([objective.inputs[0], objective.cases], dim=1))
     design = torch.cat([hidden, torch.ones(len(hidden), 1)], dim=1)
     fitted = design @ torch.linalg.lstsq(design, objective.targets).solution
     assert reached == pytest.approx(float((fitted - objective.targets).square().sum(dim=1).mean()), rel=1e-6)

@@ -6,6 +6,7 @@ import scipy.linalg
 import torch
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.learning import clock
 from pgdl_lab.learning.clock import Clock
 from pgdl_lab.learning.compression import compressed
@@ -17,6 +18,7 @@ from pgdl_lab.surrogate.triangulation import Triangulation
 from tests.learning.test_triangulation import rectangle
 
 RANGE_KPA = np.array([0.0, 50.0])
+BASIS = Basis.of([RANGE_KPA], 2)
 PRIOR = Prior(np.array([[1.0, 0.3, 0.0], [0.3, 0.5, 0.0], [0.0, 0.0, 0.01]]), 0.02)
 
 
@@ -31,9 +33,9 @@ def drawn(body: Triangulation, count: int, seed: int) -> tuple[SeparableRegressi
     field = np.zeros((nodes, 3, 2))
     field[free] = np.einsum("nm,mkc,lk->nlc", root, rng.normal(size=(len(free), 3, 2)), PRIOR.amplitudes)
     node, kpa = rng.integers(nodes, size=count), rng.uniform(0, 50, count)
-    values = np.einsum("nk,nkc->nc", Basis.of([RANGE_KPA], 2)(kpa), field[node])
+    values = np.einsum("nk,nkc->nc", BASIS(kpa), field[node])
     values += PRIOR.noise_mm * rng.normal(size=values.shape)
-    return SeparableRegression(body, clamp, Samples(body.points_mm[node], kpa, values), RANGE_KPA, 2), field
+    return SeparableRegression(body, clamp, Samples(body.points_mm[node], Cases.path(kpa), values), BASIS), field
 
 
 def coefficients(posterior: Posterior) -> np.ndarray:
@@ -67,9 +69,9 @@ def test_left_out_samples_do_not_count() -> None:
     regression, _ = drawn(body, 200, seed=0)
     kept = np.arange(200) < 120
     samples = regression.samples
-    fewer = Samples(samples.points_mm[kept], samples.pressures_kpa[kept], samples.displacements_mm[kept])
+    fewer = samples.at(kept)
     clamp = np.setdiff1d(np.arange(len(body.points_mm)), regression.free)
-    alone = SeparableRegression(body, clamp, fewer, RANGE_KPA, 2).posterior(PRIOR, 0, np.random.default_rng(0))
+    alone = SeparableRegression(body, clamp, fewer, BASIS).posterior(PRIOR, 0, np.random.default_rng(0))
     among = regression.posterior(PRIOR, 0, np.random.default_rng(0), kept)
     assert among.modes == pytest.approx(alone.modes, abs=1e-8)
 
@@ -102,7 +104,7 @@ def test_bars_cover_what_they_promise() -> None:
     assert kpa[0] == 0 and kpa[1] == regression.samples.pressures_kpa.max() and kpa[2] > kpa[1]
     # the data are of the model's own making: nearly 1.96 deviations, known from 150 samples
     assert deviations[:2] == pytest.approx([1.96, 1.96], rel=0.25) and deviations[2] >= deviations[1]
-    polynomials = Basis.of([RANGE_KPA], 2)(np.linspace(0, 50, 11))
+    polynomials = BASIS(np.linspace(0, 50, 11))
     error = np.einsum("pk,nkc->pnc", polynomials, coefficients(posterior) - field)[:, regression.free]
     spread = np.einsum("pk,kl,nls->pns", polynomials, PRIOR.amplitudes, posterior.draws)[:, regression.free]
     covered = np.abs(error) < 1.96 * np.sqrt((spread**2).mean(axis=2))[..., None]
@@ -118,9 +120,9 @@ def test_polynomials_beyond_the_trained_pressures_go_on() -> None:
         x, share = points[:, 0], kpa / 50
         return np.stack([x**2 * share - x * share**3, x * points[:, 1] * share**2], axis=1)
 
-    samples = Samples(body.points_mm[node], kpa, truth(body.points_mm[node], kpa))
+    samples = Samples(body.points_mm[node], Cases.path(kpa), truth(body.points_mm[node], kpa))
     trained = np.array([0.0, 44.0])
-    regression = SeparableRegression(body, np.flatnonzero(body.points_mm[:, 0] == 0), samples, trained, 5)
+    regression = SeparableRegression(body, np.flatnonzero(body.points_mm[:, 0] == 0), samples, Basis.of([trained], 5))
     posterior = regression.posterior(regression.first_prior(), 0, np.random.default_rng(0))
     top = np.einsum("k,nkc->nc", Basis.of([trained], 5)(np.array([50.0]))[0], coefficients(posterior))
     assert np.abs(top - truth(body.points_mm, np.full(len(top), 50.0))).max() < 1e-2
@@ -131,8 +133,8 @@ def test_what_is_assumed_at_first_scales_with_the_field_and_the_body() -> None:
     clamp = np.setdiff1d(np.arange(regression.nodes), regression.free)
     larger = Triangulation(3 * body.points_mm, body.simplices)
     samples = regression.samples
-    samples = Samples(3 * samples.points_mm, samples.pressures_kpa, 5 * samples.displacements_mm)
-    one, other = regression.first_prior(), SeparableRegression(larger, clamp, samples, RANGE_KPA, 2).first_prior()
+    samples = Samples(3 * samples.points_mm, samples.cases, 5 * samples.displacements_mm)
+    one, other = regression.first_prior(), SeparableRegression(larger, clamp, samples, BASIS).first_prior()
     assert other.covariance == pytest.approx((5 / 3) ** 2 * one.covariance)
     assert other.noise_mm == pytest.approx(5 * one.noise_mm)
     # each order is a fifth of the one before; the first is the root mean square by the diagonal
@@ -146,7 +148,7 @@ def test_a_rough_field_lets_expect_kinks_where_it_has_them() -> None:
     clamp = np.setdiff1d(np.arange(regression.nodes), regression.free)
     x, z = body.points_mm.T
     rough = np.stack([np.abs(x - 1), 2 * np.abs(x - 1) + x - z], axis=1)  # folded along x = 1, flat elsewhere
-    eased = SeparableRegression(body, clamp, regression.samples, RANGE_KPA, 2, rough)
+    eased = SeparableRegression(body, clamp, regression.samples, BASIS, rough)
     norms = [np.sqrt(np.asarray(each.kinks.multiply(each.kinks).sum(axis=1)).ravel()) for each in (regression, eased)]
     there = np.linalg.norm(body.kinks @ rough, axis=1)
     ratio = norms[0] / norms[1]  # of the size that a kink is expected to have
@@ -204,9 +206,9 @@ def test_as_many_modes_are_kept_as_a_singular_value_decomposition_needs(
 
 def test_points_that_never_move_are_refused() -> None:
     body = rectangle(3)
-    samples = Samples(body.points_mm, np.full(len(body.points_mm), 10.0), np.zeros_like(body.points_mm))
+    samples = Samples(body.points_mm, Cases.path(np.full(len(body.points_mm), 10.0)), np.zeros_like(body.points_mm))
     with pytest.raises(InputError, match="every training point is 0 mm"):
-        SeparableRegression(body, np.array([0]), samples, RANGE_KPA, 2).first_prior()
+        SeparableRegression(body, np.array([0]), samples, BASIS).first_prior()
 
 
 def test_polynomials_span_the_range_of_pressures_wherever_it_begins() -> None:
@@ -222,7 +224,7 @@ def test_as_many_fits_are_allowed_as_take_no_longer_than_is_left(monkeypatch: py
     whole, _ = drawn(rectangle(3), 30, seed=0)
     held = np.setdiff1d(np.arange(whole.nodes), whole.free)
     given = Clock(17.0, spent_s=4.0)
-    regression = SeparableRegression(rectangle(3), held, whole.samples, RANGE_KPA, 2, clock=given)
+    regression = SeparableRegression(rectangle(3), held, whole.samples, BASIS, clock=given)
     assert given.seconds == 4.0 and given.left_s == 13.0 and regression.allows(10**6)  # nothing is known yet
     solve = regression._solver.solve
 
@@ -260,8 +262,8 @@ def test_noise_has_a_floor_by_the_size_of_the_data() -> None:
     body = rectangle(2)
     clamp = np.flatnonzero(body.points_mm[:, 0] == 0)
     free = np.setdiff1d(np.arange(len(body.points_mm)), clamp)
-    samples = Samples(body.points_mm[free], np.full(len(free), 25.0), np.full((len(free), 2), 0.3))
-    regression = SeparableRegression(body, clamp, samples, RANGE_KPA, 2)
+    samples = Samples(body.points_mm[free], Cases.path(np.full(len(free), 25.0)), np.full((len(free), 2), 0.3))
+    regression = SeparableRegression(body, clamp, samples, BASIS)
     exact = regression.posterior(Prior(PRIOR.covariance, 1e-8), 4, np.random.default_rng(0))
     assert regression.learnt(exact).noise_mm == pytest.approx(1e-6 * 0.3)
 

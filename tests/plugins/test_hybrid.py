@@ -13,6 +13,7 @@ from numpy.polynomial.chebyshev import chebval
 
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.data import Samples, Training
 from pgdl_lab.learning.guide import gains, guide
@@ -86,7 +87,7 @@ def test_the_network_gains_on_the_guide(data: Dataset, scene: Scene, tmp_path: P
 
     def error(weights: Any) -> float:
         field.load_state_dict(weights, strict=False)
-        fields = field.displacements(field.coordinates(data.domain.points_mm, 0), torch.from_numpy(data.pressures_kpa))
+        fields = field.displacements(field.coordinates(data.domain.points_mm, 0), torch.from_numpy(data.cases.values))
         return float((fields.detach().numpy() - data.displacements).std())
 
     assert error(trained["weights"]) < 0.5 * error(trained["start"]["weights"])
@@ -212,9 +213,9 @@ def test_derivatives_of_the_field_are_those_of_its_values() -> None:
             rows[1, :, 0] = rows[2, :, 1] = 1
         return rows
 
-    rows = field.rows(coordinates(6), kpa)
+    rows = field.rows(coordinates(6), kpa[:, None])
     for component in range(2):
-        value = field.rows(coordinates(1), kpa)[0, :, component]
+        value = field.rows(coordinates(1), kpa[:, None])[0, :, component]
         (slope,) = torch.autograd.grad(value.sum(), place, create_graph=True)
         assert torch.allclose(rows[0, :, component], value)
         assert torch.allclose(rows[1:3, :, component], slope.T)
@@ -243,7 +244,7 @@ def test_sections_move_along_x_and_z_and_turn(motion: int, order: int) -> None:
     along = [(1 + 0 * x, 0 * x), (0 * x, 1 + 0 * x), (-z / 8, x / 8)][motion]
     arm = 2.0 * asked[:, 0] / 8 * DECAY**order * np.array([chebval(p / 25 - 1, np.eye(3)[order]) for p in kpa])
     with torch.no_grad():
-        found = field(field.coordinates(asked, 0), torch.from_numpy(kpa)).numpy()
+        found = field(field.coordinates(asked, 0), torch.from_numpy(kpa[:, None])).numpy()
     assert found - guided == pytest.approx(arm[:, None] * np.stack(along, axis=1)) and field.corrects
 
 
@@ -252,12 +253,12 @@ def test_a_network_begins_in_the_size_of_what_the_guide_errs_by() -> None:
     guide_mm = np.random.default_rng(0).normal(size=(4, 4, 2))
     field, kpa = field_of(points, guide_mm), np.array([0.0, 50.0, 20.0, 30.0])
     guided = np.array([chebval(p / 25 - 1, at) for p, at in zip(kpa, guide_mm, strict=True)])
-    field.scale_to(Samples(points, kpa, guided + [3.0, -4.0]))
+    field.scale_to(Samples(points, Cases.path(kpa), guided + [3.0, -4.0]))
     assert float(field.size_mm) == pytest.approx(5 / np.sqrt(2))
     with torch.no_grad():
         field.last.weight.zero_()
         field.last.bias.zero_()
-    assert not field.shifts_mm(Samples(points, kpa, guided + [3.0, -4.0]), np.ones(4, dtype=bool)).any()
+    assert not field.shifts_mm(Samples(points, Cases.path(kpa), guided + [3.0, -4.0]), np.ones(4, dtype=bool)).any()
 
 
 def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(data: Dataset, scene: Scene) -> None:
@@ -267,7 +268,7 @@ def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(dat
     field.triangles, field.range_kpa = torch.from_numpy(data.domain.cells), torch.tensor([0.0, 20.0]).double()
     with torch.no_grad():
         kpa = torch.tensor([0.0, 7.0, 24.0], dtype=torch.double)
-        whole = field.displacements(field.coordinates(points, 0), kpa).numpy()
+        whole = field.displacements(field.coordinates(points, 0), kpa[:, None]).numpy()
         polynomials = field._polynomials(kpa, 6).numpy()
     # the turn of a place that moves as a polynomial of degree 5, by an angle of degree 2, is one of degree 7
     assert np.einsum("pd,ndc->pnc", polynomials, field.nodal()) == pytest.approx(whole, abs=1e-3)
@@ -275,7 +276,7 @@ def test_nodal_form_is_the_field_and_a_refit_to_all_is_near_what_was_trained(dat
     samples = some(data, 500)
     made = replace(samples, displacements_mm=samples.displacements_mm)
     with torch.no_grad():
-        moved = field(field.coordinates(made.points_mm, 0), torch.from_numpy(made.pressures_kpa)).numpy()
+        moved = field(field.coordinates(made.points_mm, 0), torch.from_numpy(made.cases.values)).numpy()
     own = replace(samples, displacements_mm=moved)  # data that the network explains fully
     assert np.abs(field.shifts_mm(own, np.arange(500) % 2 == 0)).max() < 1e-3
     off = replace(own, displacements_mm=moved + np.array([0.1, 0.0]) * (samples.points_mm[:, :1] / 24))
@@ -298,12 +299,12 @@ def test_the_network_stays_where_the_closed_form_errs_less_on_what_it_leaves(
     plain = field.without_network()
     assert field.corrects and not plain.corrects
     moved, alone = (
-        each(each.coordinates(given.whole.points_mm, 0), torch.from_numpy(given.whole.pressures_kpa)).detach().numpy()
+        each(each.coordinates(given.whole.points_mm, 0), torch.from_numpy(given.whole.cases.values)).detach().numpy()
         for each in (field, plain)
     )
     if helps:  # data of which it is a part; else they know nothing of it
         for samples in (given.samples, given.held):
-            here = field.coordinates(samples.points_mm, 0), torch.from_numpy(samples.pressures_kpa)
+            here = field.coordinates(samples.points_mm, 0), torch.from_numpy(samples.cases.values)
             samples.displacements_mm[:] += (field(*here) - plain(*here)).detach().numpy()
     assert np.abs(moved - alone).max() > 1
     monkeypatch.setattr(GuidedField, "shifts_mm", lambda _, samples, kept: np.zeros_like(samples.displacements_mm))

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from pgdl_lab.assessment.residuals import residuals
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.jet import Jet
@@ -161,7 +162,7 @@ def test_equilibrium_refuses_nonsense(fields: dict[str, Any]) -> None:
 def test_physics_trains_the_whole_field(name: str, model: str, tmp_path: Path) -> None:
     whole = training(tmp_path, {name: {"weight": 1.0}})
     body = real_scene()
-    samples = Samples(body.domain.points_mm, np.full(800, 20.0), 0.05 * body.domain.points_mm)
+    samples = Samples(body.domain.points_mm, Cases.path(np.full(800, 20.0)), 0.05 * body.domain.points_mm)
     fields = {"depth": 1, "width": 8} | ({"modes": 16} if model == "body" else {})
     whole = replace(whole, scene=body, samples=samples)
     history = plugin("model", model)(**fields).fit(replace(whole, optimizer=OptimizerSettings(lr=1e-4))).record.history

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import Cases
 from pgdl_lab.core.registry import discover, plugin
 from pgdl_lab.learning.data import Samples
 from tests.trainings import small, training
@@ -22,7 +23,7 @@ def test_inputs_and_outputs_of_a_network_are_scaled_to_its_interval(interval: li
     how = training(tmp_path, {"data": {}})
     points = np.array([[10.0, -3.0], [30.0, 5.0], [20.0, 0.0]])
     moved = np.array([[-4.0, 1.0], [2.0, 9.0], [0.0, 3.0]])
-    samples = Samples(points, np.array([20.0, 50.0, 5.0]), moved)
+    samples = Samples(points, Cases.path(np.array([20.0, 50.0, 5.0])), moved)
     model = plugin("model", "mlp")(depth=1, width=4, dtype="float64", interval=interval)
     inwards, *layers, outwards = model.new_field(replace(how, samples=samples)).layers
     low, high = interval
@@ -35,7 +36,7 @@ def test_inputs_and_outputs_of_a_network_are_scaled_to_its_interval(interval: li
 
 def test_a_range_of_width_zero_is_scaled_as_if_it_were_1_wide(tmp_path: Path) -> None:
     how = training(tmp_path, {"data": {}})
-    samples = replace(how.samples, pressures_kpa=np.full_like(how.samples.pressures_kpa, 30.0))
+    samples = replace(how.samples, cases=Cases.path(np.full(len(how.samples), 30.0)))
     inwards, *_ = (
         plugin("model", "mlp")(depth=1, width=4, dtype="float64").new_field(replace(how, samples=samples)).layers
     )

@@ -98,7 +98,7 @@ def _table(bench: Bench) -> tuple[Point, bool]:
         from scipy.interpolate import CubicSpline
 
         data, split = bench.data, bench.experiment.split
-        given = split.seen(data.pressures_kpa).copy()
+        given = split.seen(data.cases).copy()
         given[np.setdiff1d(bench.judged, [len(given) - 1])] = False
         spline = CubicSpline(data.pressures_kpa[given], data.displacements[given])
         place = {point.tobytes(): number for number, point in enumerate(data.domain.points_mm)}
