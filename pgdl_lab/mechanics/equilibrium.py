@@ -141,9 +141,9 @@ class Equilibrium:
     def _upper(self, assembler: Assembler, acting: Mapping[str, float], found: Mapping[str, Response]) -> "csr_matrix":
         def scaled(name: str) -> Array | None:
             matrices = found[name].stiffness if name in found else None
-            return (
-                matrices if matrices is None or acting[name] == 1 else acting[name] * matrices
-            )  # no copy of the solid
+            if matrices is None or acting[name] == 1:  # those of the solid are large, and not to be copied
+                return matrices
+            return acting[name] * matrices
 
         upper = assembler.upper(*(scaled(name) for name in self._groups))
         for name, amplitude in acting.items():

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.reduced import ReducedModel
-from pgdl_lab.mechanics.rod import Axis, Sections, rod
+from pgdl_lab.mechanics.rod import Axis, rod
 from pgdl_lab.mechanics.segments import cuts, meet, segments
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ class FingerRod(ReducedModel):
         mass = 1e-12 * finger.density_kg_m3 * volume
         lever = along(moment, nodes) / volume - self.axis_mm
         self.axis = Axis(nodes)
-        super().__init__(finger, rod(self.axis, Sections(stiffness, air, mass, lever), finger.gravity_mm_s2[::2]))
+        super().__init__(finger, rod(self.axis, stiffness, air, mass, lever, finger.gravity_mm_s2[::2]))
 
     def observer(self, face: Face) -> Callable[[Array, float], Array]:
         """The section's rigid motion and the shapes of its segment, which are joined at the base line."""

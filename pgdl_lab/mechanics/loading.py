@@ -216,38 +216,26 @@ def load(
     LabError
         When the body does not bear its own weight.
     """
-    while True:
-        try:
-            return _loaded(equilibrium, solver, schedules, pressures_kpa, newton_mm, interpolation_mm)
-        except SlippedThrough:  # what was found before is no equilibrium of the finer contact
-            continue
-
-
-def _loaded(
-    equilibrium: Equilibrium,
-    solver: SymmetricSolver,
-    schedules: tuple[Schedule, Schedule],
-    pressures_kpa: Array,
-    newton_mm: float,
-    interpolation_mm: float,
-) -> History:
     max_kpa, watch = float(pressures_kpa[-1]), None if equilibrium.sideways is None else symmetric_solver()
     settle = LoadLeg(equilibrium, solver, newton_mm, schedules[0])
     inflate = LoadLeg(equilibrium, solver, newton_mm, schedules[1], watch)
-    with closing(solver), closing(watch) if watch else nullcontext(), progress() as show:
-        resting, settling = np.zeros(equilibrium.free.shape), 0
-        if settle.drive(resting, 0.0).any():
+    try:
+        with closing(solver), closing(watch) if watch else nullcontext(), progress() as show:
+            resting, settling = np.zeros(equilibrium.free.shape), 0
+            if settle.drive(resting, 0.0).any():
+                try:
+                    settled = follow(settle, resting, 1.0, FIRST_WEIGHT, lambda w: show(0.0, f"{w:4.0%} of the weight"))
+                except PathEnded as end:
+                    raise LabError(unborne(end.branch, schedules[0].at(1.0))) from None
+                resting, settling = settled.displacements[-1], settled.iterations
+            complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
             try:
-                settled = follow(settle, resting, 1.0, FIRST_WEIGHT, lambda w: show(0.0, f"{w:4.0%} of the weight"))
+                branch = follow(inflate, resting, max_kpa, FIRST_PRESSURE * max_kpa, report)
             except PathEnded as end:
-                raise LabError(unborne(end.branch, schedules[0].at(1.0))) from None
-            resting, settling = settled.displacements[-1], settled.iterations
-        complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
-        try:
-            branch = follow(inflate, resting, max_kpa, FIRST_PRESSURE * max_kpa, report)
-        except PathEnded as end:
-            branch, complete = end.branch, False
-        error = refine(inflate, branch, pressures_kpa, interpolation_mm)
+                branch, complete = end.branch, False
+            error = refine(inflate, branch, pressures_kpa, interpolation_mm)
+    except SlippedThrough:  # what was found before is no equilibrium of the finer contact
+        return load(equilibrium, solver, schedules, pressures_kpa, newton_mm, interpolation_mm)
     iterations = settling + branch.iterations
     return History(branch, complete, error, iterations, sorted(inflate.unstable), sorted(inflate.sideways))
 

@@ -11,8 +11,6 @@ so that a fibre at the height ζ above the axis is stretched by Γ − ζ κ. Th
 sections is linear in them: air at pressure p acts with a constant force and moment that turn with the rod.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -153,23 +151,13 @@ class SectionWeight(Term):
         return Response(energy, turned.forces - self._straight.reshape(-1, 6), turned.stiffness)
 
 
-@dataclass(frozen=True)
-class Sections:
-    """What a rod is made of, element by element, as in `Bending`, `Inflation` and `SectionWeight`."""
-
-    stiffness: Array
-    air: Array
-    mass: Array
-    lever: Array
-
-
-def rod(axis: Axis, sections: Sections, gravity: Array) -> Equilibrium:
-    """A rod clamped at its left end under weight and air pressure, with `gravity` (2,) along x and z [mm/s²]."""
+def rod(axis: Axis, stiffness: Array, air: Array, mass: Array, lever: Array, gravity: Array) -> Equilibrium:
+    """A rod clamped at its left end under weight and air pressure; for its sections and `gravity` see its terms."""
     free = np.ones((len(axis.places), 3), dtype=bool)
     free[0] = False
     terms = {
-        "bending": Bending(axis, sections.stiffness),
-        "air": Inflation(axis, sections.air),
-        "weight": SectionWeight(axis, sections.mass, sections.lever, gravity),
+        "bending": Bending(axis, stiffness),
+        "air": Inflation(axis, air),
+        "weight": SectionWeight(axis, mass, lever, gravity),
     }
     return Equilibrium(terms, free)

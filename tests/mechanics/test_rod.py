@@ -8,7 +8,7 @@ from pgdl_lab.mechanics.finger_rod import FingerRod
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.lattice import Lattice
 from pgdl_lab.mechanics.profile import Profile, Region
-from pgdl_lab.mechanics.rod import Axis, Sections, rod
+from pgdl_lab.mechanics.rod import Axis, rod
 from pgdl_lab.mechanics.segments import between, columns, cuts
 from pgdl_lab.mechanics.term import DeadLoad
 from pgdl_lab.studies.verification.bodies import settle
@@ -21,10 +21,8 @@ AXIS = Axis(np.array([0.0, 1.0, 1.5, 3.0, 4.0]))
 def uneven() -> Equilibrium:
     """Four unlike elements with coupled stiffnesses, eccentric masses and air."""
     root = RANDOM.normal(size=(4, 3, 3))
-    sections = Sections(
-        root @ root.transpose(0, 2, 1), RANDOM.normal(size=(4, 3)), RANDOM.random(4), RANDOM.normal(size=4)
-    )
-    return rod(AXIS, sections, np.array([0.3, -2.0]))
+    stiffness, air = root @ root.transpose(0, 2, 1), RANDOM.normal(size=(4, 3))
+    return rod(AXIS, stiffness, air, RANDOM.random(4), RANDOM.normal(size=4), np.array([0.3, -2.0]))
 
 
 def test_forces_and_stiffness_are_the_derivatives_of_the_energy() -> None:

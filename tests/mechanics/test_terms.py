@@ -1,13 +1,15 @@
 """Further loads: a force at the tip, chambers with pressures of their own, gravity that turns."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from pgdl_lab.core import registry
+from pgdl_lab.core import paths, registry
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.cavity import Cavity
@@ -22,17 +24,19 @@ from pgdl_lab.mechanics.newton import solve
 from pgdl_lab.mechanics.path import follow
 from pgdl_lab.mechanics.profile import Profile, Region
 from pgdl_lab.mechanics.term import DeadLoad, Ramp, Schedule, Term
+from tests.conftest import CHECKOUT
 from tests.fingers import pneunet, solid
 
 registry.discover()
 LENGTH_MM, WIDTH_MM, HEIGHT_MM, BORE_MM = 60.0, 10.0, 6.0, (4.0, 2.0)
 
 
-@registry.register("finger", "pulled")
 @dataclass(frozen=True)
 class Pulled(ExtrudedFinger):
     """A bar with a closed bore in its middle, and a force along z at its end."""
 
+    kind: ClassVar[str] = "finger"
+    name: ClassVar[str] = "pulled"
     width_mm: float = WIDTH_MM
     density_kg_m3: float = 0.0
     tip_n: float = -2e-4
@@ -54,13 +58,13 @@ class Pulled(ExtrudedFinger):
 
 
 @pytest.fixture
-def pulled(monkeypatch: pytest.MonkeyPatch) -> Pulled:
+def pulled() -> Pulled:
     return Pulled(side_wall_mm=(WIDTH_MM - BORE_MM[0]) / 2, material=Yeoh(poisson=0.0), max_kpa=1.0)
 
 
 def test_a_force_at_the_tip_bends_a_beam_by_timoshenko(pulled: Pulled) -> None:
     """Held along the whole path, from where the pressure begins; the support bears it."""
-    model = Model(pulled, 4.0, "hex27_p1")
+    model = Model(pulled, 6.0, "hex27_p1")
     history = model.load(np.array([1.0]), 1e-9, 1e-3)
     inertia = (WIDTH_MM * HEIGHT_MM**3 - BORE_MM[0] * BORE_MM[1] ** 3) / 12
     area, shear_mpa = WIDTH_MM * HEIGHT_MM - BORE_MM[0] * BORE_MM[1], pulled.material.shear_modulus_mpa
@@ -75,7 +79,7 @@ def test_the_whole_simulation_takes_the_force_along(pulled: Pulled) -> None:
     """Meshed as half and as whole, refined, and told in the provenance; models that know nothing of it refuse it."""
     seen, found = Observation(2, 100), {}
     for gravity in ([0.0, -9.81], [0.0, 1e-9, -9.81]):
-        fem = solid(edge_mm=8.0, element="hex20", contact="off", estimate_error=True)
+        fem = solid(edge_mm=12.0, contact="off", estimate_error=len(gravity) == 2)
         found[len(gravity)] = fem.simulate(replace(pulled, gravity_m_s2=gravity), seen)
     np.testing.assert_allclose(found[2].displacements, found[3].displacements, atol=1e-9)
     assert found[3].provenance["load_n"][2] == pytest.approx(pulled.tip_n, rel=1e-6)
@@ -203,3 +207,20 @@ def test_a_load_acts_only_by_its_name(two: Model) -> None:
     assert "tip" not in equilibrium.terms
     np.testing.assert_array_equal(heavier.balance(rest, {"tip": 2.0}, stiffness=False).forces, -2.0)
     assert heavier.balance(rest + 1, {"tip": 2.0}, stiffness=False).energy == pytest.approx(-2.0 * rest.size)
+
+
+def test_the_example_in_the_docs_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it stands; the force is told beside the weight, by half, and pulls the finger down."""
+    (source,) = re.findall(r"```python\n(.*?)```", (CHECKOUT / "docs" / "mechanics.md").read_text("utf-8"), re.DOTALL)
+    for known in (registry._plugins["finger"], registry._nodes):
+        for name in ("pulled", ("finger", "pulled"), ("finger/material", "pulled")):
+            monkeypatch.setitem(known, name, None)  # put back afterwards as it was
+            monkeypatch.delitem(known, name)
+    monkeypatch.setattr(paths, "RUNS", tmp_path)
+    names: dict[str, Any] = {"__name__": "example"}
+    exec(source, names)
+    with_force, fem, seen = names["data"], solid(), Observation(1, 100)
+    without = fem.simulate(names["Pulled"](chambers=2, max_kpa=10.0, tip_n=0.0), seen)
+    weight = without.provenance["load_n"][2]
+    assert with_force.provenance["load_n"][2] == pytest.approx(weight - 0.01, rel=1e-9)
+    assert with_force.displacements[-1, :, 1].min() < without.displacements[-1, :, 1].min() - 0.05

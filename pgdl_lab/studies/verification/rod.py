@@ -12,7 +12,7 @@ from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.finger_rod import FingerRod
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.profile import Profile, Region
-from pgdl_lab.mechanics.rod import Axis, Sections, rod
+from pgdl_lab.mechanics.rod import Axis, rod
 from pgdl_lab.mechanics.segments import solve
 from pgdl_lab.mechanics.term import DeadLoad, Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
@@ -31,8 +31,8 @@ def cantilever(mass: float, gravity: float) -> Equilibrium:
     """A uniform cantilever that hardly stretches, of `mass` [tonne] under `gravity` along z [mm/s²]."""
     one = np.ones(ELEMENTS)
     stiffness = one[:, None, None] * np.diag([AXIAL_N, AXIAL_N, BENDING_N_MM2])
-    sections = Sections(stiffness, np.zeros((ELEMENTS, 3)), mass / ELEMENTS * one, 0 * one)
-    return rod(Axis(np.linspace(0, LENGTH_MM, ELEMENTS + 1)), sections, np.array([0.0, gravity]))
+    axis, no_air = Axis(np.linspace(0, LENGTH_MM, ELEMENTS + 1)), np.zeros((ELEMENTS, 3))
+    return rod(axis, stiffness, no_air, mass / ELEMENTS * one, 0 * one, np.array([0.0, gravity]))
 
 
 def loaded(bent: Equilibrium, *load: float) -> Equilibrium:
