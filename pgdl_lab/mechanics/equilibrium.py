@@ -120,6 +120,24 @@ class Equilibrium:
             self._upper(self._assembler, acting, found) if stiffness else None,
         )
 
+    def stiffness_times(self, displacement: Array, amplitudes: Amplitudes, vector: Array) -> Array:
+        """The Hessian over all degrees of freedom, held ones too, times `vector` (N, 3); (N, 3) [N/mm times its unit].
+
+        Element by element: no matrix of the whole is put together.
+        """
+        products = {}
+        for name, amplitude in self._acting(amplitudes).items():
+            term = self.terms[name]
+            matrices = term.response(displacement, stiffness=True).stiffness
+            if matrices is None:
+                continue
+            if term.nodes is None:
+                products[name] = amplitude * (matrices @ vector.ravel()).reshape(vector.shape)
+            else:
+                local = vector[term.nodes].reshape(len(term.nodes), -1, 1)
+                products[name] = amplitude * (matrices @ local)[..., 0]
+        return self._vector(products)
+
     def sideways_stiffness(self, displacement: Array, amplitudes: Amplitudes) -> "csr_matrix":
         """Upper triangle of the Hessian over the `sideways` degrees of freedom at `displacement` (N, 3) [mm].
 
