@@ -72,7 +72,7 @@ def test_pressure_of_its_own(kind: str) -> None:
         f = np.einsum("eai,eajq->eqij", displacement[mesh.nodes], mesh.gradients) + np.eye(3)
         return float((mesh.weights * np.linalg.det(f)).sum())
 
-    more = solid.response(at, stiffness=True, pressure=known + 0.1 * ones)
+    more = solid.at_pressure(known + 0.1 * ones).response(at, stiffness=True)
     local = direction[mesh.nodes].reshape(more.forces.shape)
     before, here, after = (volume(at + s * direction) for s in (-step, 0.0, step))
     assert ((more.forces - given.forces) * local).sum() == pytest.approx(0.1 * (after - before) / (2 * step), rel=1e-6)
