@@ -209,6 +209,19 @@ def test_a_load_acts_only_by_its_name(two: Model) -> None:
     assert heavier.balance(rest + 1, {"tip": 2.0}, stiffness=False).energy == pytest.approx(-2.0 * rest.size)
 
 
+def test_other_terms_are_put_together_at_their_own_nodes(two: Model) -> None:
+    equilibrium, rest = two.equilibrium, np.zeros(two.equilibrium.free.shape)
+    swapped = equilibrium.with_terms(root=equilibrium.terms["end"], end=equilibrium.terms["root"])
+    for ours, theirs in (("root", "end"), ("end", "root")):
+        one, other = (
+            swapped.balance(rest, {ours: 0.1}, stiffness=True),
+            equilibrium.balance(rest, {theirs: 0.1}, stiffness=True),
+        )
+        assert one.stiffness is not None and other.stiffness is not None
+        np.testing.assert_allclose(one.forces, other.forces, atol=1e-14)
+        np.testing.assert_allclose(full(one.stiffness), full(other.stiffness), atol=1e-14)
+
+
 def test_the_example_in_the_docs_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As it stands; the force is told beside the weight, by half, and pulls the finger down."""
     (source,) = re.findall(r"```python\n(.*?)```", (CHECKOUT / "docs" / "mechanics.md").read_text("utf-8"), re.DOTALL)
