@@ -85,7 +85,7 @@ def inflate(finger: Finger, mode: str) -> Inflation:
     seconds = time.perf_counter() - began
     pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
     displacements = [history.at(kpa) for kpa in pressures]
-    contact = model.equilibrium.contact
+    contact = model.contact
     return Inflation(
         model,
         seconds,

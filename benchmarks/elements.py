@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import digest, folders, kept, panels, parsed, parser, save, show, table
-from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.extrude import extrude
 from pgdl_lab.mechanics.finger import ExtrudedFinger, Finger
 from pgdl_lab.mechanics.finite_strain import Model
@@ -125,8 +124,8 @@ def tip(model: Model) -> int:
 def linear_sag(case: Case) -> tuple[list[float], int]:
     """Displacement of the tip [mm] in a linear solve under the weight, and the number of unknowns."""
     model = Model(meshed(case), COARSE_MM, case.element)
-    sag, free = np.zeros_like(model.equilibrium.weight), model.equilibrium.free
-    balance = model.equilibrium.balance(sag, Load(1.0, 0.0), stiffness=True)
+    sag, free = np.zeros_like(model.discretisation.positions), model.equilibrium.free
+    balance = model.equilibrium.balance(sag, {"weight": 1.0}, stiffness=True)
     assert balance.stiffness is not None
     model.solver.factorise(balance.stiffness)
     sag[free] = -model.solver.solve(balance.forces[free])

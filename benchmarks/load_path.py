@@ -15,7 +15,6 @@ from benchmarks.common import parsed, parser, print_load, show, table
 from benchmarks.scenes import scene
 from pgdl_lab.core import registry
 from pgdl_lab.core.observation import Observation
-from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.newton import solve
@@ -34,7 +33,7 @@ def row(finger: Finger, element: str, edge_mm: float, sub_steps: int) -> list[st
     path_s = time.perf_counter() - began
     began, worst, iterations = time.perf_counter(), 0.0, 0
     for kpa, known in zip(pressures, snapshots, strict=True):
-        exact = solve(model.equilibrium, model.solver, known, Load(1.0, 1e-3 * kpa), EXACT * solid.newton_mm)
+        exact = solve(model.equilibrium, model.solver, known, model.amplitudes(kpa), EXACT * solid.newton_mm)
         worst = max(worst, float(np.linalg.norm(exact.displacement - known, axis=1).max()))
         iterations += exact.iterations
     checked_s = time.perf_counter() - began

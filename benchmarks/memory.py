@@ -15,10 +15,8 @@ import numpy as np
 
 from benchmarks.common import parsed, parser, show, table
 from pgdl_lab.core import registry
-from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.discretisation_error import estimate, refined
 from pgdl_lab.mechanics.elements import ELEMENTS
-from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.memory import GB, Size
@@ -54,11 +52,11 @@ def work(name: str, edge_mm: float, element: str, with_estimate: bool) -> None:
     model = Model(made(name), edge_mm, element, "auto")
     equilibrium, rest = model.equilibrium, np.zeros_like(model.discretisation.positions)
     for _ in range(2):
-        model.solver.factorise(equilibrium.balance(rest, Load(1.0, 0.0), stiffness=True).stiffness)
+        model.solver.factorise(equilibrium.balance(rest, model.amplitudes(0.0), stiffness=True).stiffness)
     model.solver.close()
     if with_estimate:
-        fine = model.equilibrium_on(refined(model.mesh), lambda _: NoContact())
-        estimate(equilibrium, fine, rest, 0.0)
+        fine = model.equilibrium_on(refined(model.mesh))
+        estimate(equilibrium, fine, rest, 0.0, model.amplitudes(0.0))
     # of this program alone: what getrusage tells begins with the memory of the process that started it
     status = Path("/proc/self/status").read_text()
     print(1024 * int(status.partition("VmHWM:")[2].split()[0]))

@@ -21,12 +21,11 @@ from skfem.helpers import ddot
 from benchmarks.common import parsed, parser, show, table
 from benchmarks.scenes import scene
 from pgdl_lab.mechanics.elements import ELEMENTS
-from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.material import FirstInvariantMaterial
 
-LOAD = Load(1.0, 0.0)
+LOAD = {"weight": 1.0}
 
 
 def seconds(work: Callable[[], object], repeats: int) -> float:

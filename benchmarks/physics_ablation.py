@@ -46,7 +46,7 @@ TERMS: dict[str, tuple[str, dict[str, Any]]] = {
     "published": ("navier_cauchy", {"form": "published"}),
     "corrected": ("navier_cauchy", {"form": "corrected"}),
     "yeoh": ("yeoh", {}),
-    "equilibrium": ("equilibrium", {}),
+    "section": ("section", {}),
     "traction": ("traction", {}),
 }
 RATIOS = (0.25, 0.5, 1, 2)  # that the axes of the figure show

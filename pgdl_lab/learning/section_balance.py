@@ -136,8 +136,8 @@ def suited(finger: Finger | None, state: str) -> tuple[ExtrudedFinger, PlaneLaw]
     """
     if not isinstance(finger, ExtrudedFinger):
         found = "none is known" if finger is None else f"{type(finger).__name__} has none"
-        raise InputError(f"Loss equilibrium needs a finger with a profile, but {found}; leave it out.")
-    return finger, PlaneLaw.of(finger.material, state, "equilibrium")
+        raise InputError(f"Loss section needs a finger with a profile, but {found}; leave it out.")
+    return finger, PlaneLaw.of(finger.material, state, "section")
 
 
 @lru_cache(maxsize=4)

@@ -5,11 +5,12 @@ What the displacement does inside a cavity has no effect: by Gauss's theorem the
 
 import numpy as np
 
-from pgdl_lab.mechanics.cavity import Array, Cavity, CavityResponse
+from pgdl_lab.mechanics.cavity import Array, Chamber
 from pgdl_lab.mechanics.elements import Discretisation
+from pgdl_lab.mechanics.term import Response
 
 
-class Air(Cavity):
+class Air(Chamber):
     """Elements in the place of the air, moved by the displacement that the walls around them have.
 
     Parameters
@@ -22,18 +23,18 @@ class Air(Cavity):
         self._elements = discretisation
         self.nodes = discretisation.nodes
 
-    def response(self, displacement: Array, *, hessian: bool) -> CavityResponse:
-        grad, w = self._elements.gradients, self._elements.weights  # (E, A, 3, Q), (E, Q)
+    def response(self, displacement: Array, *, stiffness: bool) -> Response:
+        grad, w = self._elements.gradients, -self._elements.weights  # (E, A, 3, Q), (E, Q)
         f = np.einsum("eai,eajq->eijq", displacement[self.nodes], grad, optimize=True)
         for i in range(3):
             f[:, i, i] += 1
         rows = [np.cross(f[:, (i + 1) % 3], f[:, (i + 2) % 3], axis=1) for i in range(3)]
         cofactor = np.stack(rows, axis=1)
-        volume = float((w * (f[:, 0] * cofactor[:, 0]).sum(axis=1)).sum())
-        gradient = np.einsum("eq,eijq,eajq->eai", w, cofactor, grad, optimize=True)
+        energy = float((w * (f[:, 0] * cofactor[:, 0]).sum(axis=1)).sum())
+        forces = np.einsum("eq,eijq,eajq->eai", w, cofactor, grad, optimize=True)
         elements, nodes = self.nodes.shape
-        if not hessian:
-            return CavityResponse(volume, gradient.reshape(elements, -1), None)
+        if not stiffness:
+            return Response(energy, forces.reshape(elements, -1), None)
         # d²(det F) couples the rows i and j of F through the third: F_k · (∇N_a × ∇N_b).
         blocks = np.zeros((elements, nodes, 3, nodes, 3))
         for k in range(3):
@@ -42,4 +43,4 @@ class Air(Cavity):
             coupling = np.einsum("eamq,ebmq->eab", turned, grad, optimize=True)
             blocks[:, :, i, :, j] = coupling
             blocks[:, :, j, :, i] = coupling.transpose(0, 2, 1)
-        return CavityResponse(volume, gradient.reshape(elements, -1), blocks.reshape(elements, 3 * nodes, 3 * nodes))
+        return Response(energy, forces.reshape(elements, -1), blocks.reshape(elements, 3 * nodes, 3 * nodes))

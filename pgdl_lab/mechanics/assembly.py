@@ -96,9 +96,13 @@ class Assembler:
         total: Array = data + np.bincount(place, added.data, len(data))
         return self._matrix(total)
 
-    def upper(self, *matrices: Array) -> sp.csr_matrix:
-        """Upper triangle of the sum of the element matrices of each group, (E, 3 A, 3 A) each, at the free degrees."""
-        values = np.concatenate([m.ravel()[used] for m, used in zip(matrices, self._entries, strict=True)])
+    def upper(self, *matrices: Array | None) -> sp.csr_matrix:
+        """Upper triangle of the sum of each group's element matrices, (E, 3 A, 3 A) or None, at the free degrees.
+
+        The pattern has a place for all of them, also where they are None.
+        """
+        pairs = zip(matrices, self._entries, strict=True)
+        values = np.concatenate([np.zeros(len(used)) if m is None else m.ravel()[used] for m, used in pairs])
         total: Array = np.bincount(self._place, values, len(self._indices)).astype(np.float64, copy=False)
         return self._matrix(total)
 

@@ -18,7 +18,8 @@ from pgdl_lab.core.errors import LabError
 from pgdl_lab.mechanics.calculix_deck import deck, weighs
 from pgdl_lab.mechanics.calculix_program import program
 from pgdl_lab.mechanics.finger import Finger
-from pgdl_lab.mechanics.finite_strain import Model, progress
+from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.loading import progress
 from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]

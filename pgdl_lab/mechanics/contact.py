@@ -19,7 +19,8 @@ from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.crossing import CurvedFaces
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.skin import MIRROR, skin
-from pgdl_lab.mechanics.surface import ContactResponse, MirrorPlane, Pairs, Surface
+from pgdl_lab.mechanics.surface import MirrorPlane, Pairs, Surface
+from pgdl_lab.mechanics.term import Response, Term
 from pgdl_lab.mechanics.threads import threads
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ TOUCHING = 1e-3  # reaches: what is nearer at rest leaves no room for a smaller 
 WIDEST_GAP = 10  # reaches: gaps up to it are measured
 
 
-class Contact:
+class Contact(Term):
     """What keeps the faces of a body apart: outside, in each chamber, and half a body from its mirror image.
 
     Parameters
@@ -133,18 +134,21 @@ class Contact:
         farthest = WIDEST_GAP * self.reach_mm
         return min(self._smallest_mm(self._rest, 2 * farthest) / 2, farthest)
 
-    def response(self, displacement: Array, *, hessian: bool, mirror: bool = True) -> ContactResponse:
-        """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration.
+    def response(self, displacement: Array, *, stiffness: bool) -> Response:
+        """As for all terms, at a `displacement` (N, 3) [mm] without penetration."""
+        return self._sum(self._pairs, displacement, stiffness)
 
-        Without the `mirror` image the stiffness is that against motions which break the symmetry: they carry the image
-        along with the half, so that the gap between both stays.
-        """
-        taking_part = [pairs for pairs in self._pairs if mirror or not isinstance(pairs, MirrorPlane)]
-        first, *others = (pairs.response(displacement, hessian=hessian) for pairs in taking_part)
+    def sideways(self, displacement: Array) -> Response:
+        """Motions that break the symmetry carry the mirror image along with the half: the gap between both stays."""
+        apart = [pairs for pairs in self._pairs if not isinstance(pairs, MirrorPlane)]
+        return self._sum(apart, displacement, stiffness=True)
+
+    def _sum(self, taking_part: list[Pairs], displacement: Array, stiffness: bool) -> Response:
+        first, *others = (pairs.response(displacement, stiffness=stiffness) for pairs in taking_part)
         return sum(others, start=first)
 
     def free_step(self, displacement: Array, correction: Array) -> float:
-        """Largest part of `correction`, at most 1, that can be added to `displacement` before surfaces meet."""
+        """As for all terms: the part that can be added to `displacement` before surfaces meet."""
         step = min(pairs.free_step(displacement, correction) for pairs in self._pairs)
         return step if step == 1 else 0.9 * step
 
@@ -176,10 +180,3 @@ class Contact:
 
     def _smallest_mm(self, displacement: Array, farthest_mm: float) -> float:
         return min(pairs.gap_mm(displacement, farthest_mm) for pairs in self._pairs)
-
-
-class NoContact(Contact):
-    """Contact that never acts, and needs no skin."""
-
-    def __init__(self) -> None:
-        self.mode, self.active = "off", False

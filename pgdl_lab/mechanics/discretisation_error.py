@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.elements import Discretisation, cells_of
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.newton import NoConvergence
 from pgdl_lab.mechanics.quasi_newton import settle
 from pgdl_lab.mechanics.solid import InvertedElement, Solid
+from pgdl_lab.mechanics.term import Amplitudes
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -65,7 +66,9 @@ class DiscretisationError:
         return DiscretisationError(kpa, tip_mm, float(100 * tip_mm / moved), float(size.max()))
 
 
-def estimate(coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: float) -> DiscretisationError | None:
+def estimate(
+    coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: float, amplitudes: Amplitudes
+) -> DiscretisationError | None:
     """Estimate the discretisation error of an equilibrium by the one on a finer mesh.
 
     Parameters
@@ -78,6 +81,8 @@ def estimate(coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: f
         (N, 3) the equilibrium on the coarse mesh [mm].
     kpa
         Its pressure [kPa].
+    amplitudes
+        Of the loads at this pressure.
 
     Returns
     -------
@@ -87,10 +92,10 @@ def estimate(coarse: Equilibrium, fine: Equilibrium, displacement: Array, kpa: f
     """
     start = prolonged(coarse.solid.discretisation, fine.solid.discretisation, displacement)
     pressure = prolonged_pressure(coarse.solid, fine.solid.discretisation, displacement)
-    load, solver = Load(1.0, 1e-3 * kpa), symmetric_solver()
+    soft, solver = fine.with_terms(solid=fine.solid.at_pressure(pressure)), symmetric_solver()
     try:
-        solver.factorise(fine.balance_at(pressure, start, load).stiffness)
-        change = settle(fine, solver, start, load, ACCURACY) - start
+        solver.factorise(soft.balance(start, amplitudes, stiffness=True).stiffness)
+        change = settle(fine, solver, start, amplitudes, ACCURACY) - start
     except (InvertedElement, NoConvergence):
         return None
     finally:

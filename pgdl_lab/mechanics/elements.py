@@ -117,6 +117,26 @@ class Discretisation:
     weights: NDArray[np.float64]
     modes: NDArray[np.float64]
 
+    def nodal_volumes(self) -> NDArray[np.float64]:
+        """Integral of each shape function over the undeformed body (N,) [mm³]."""
+        value = np.stack([np.broadcast_to(phi, self.weights.shape) for (phi,) in self.basis.basis], axis=1)
+        volumes = np.einsum("eaq,eq->ea", value, self.weights)
+        return np.bincount(self.nodes.ravel(), volumes.ravel(), len(self.positions)).astype(np.float64)
+
+    def nodal_areas(self, facets: "str | NDArray[np.int64]") -> NDArray[np.float64]:
+        """Integral of each shape function over facets of the undeformed body (N,) [mm²].
+
+        Parameters
+        ----------
+        facets
+            Their numbers in the mesh, or the name of a boundary.
+        """
+        import skfem
+
+        faces = skfem.FacetBasis(self.basis.mesh, self.basis.elem, facets=facets, intorder=self.basis.elem.maxdeg)
+        areas: NDArray[np.float64] = skfem.LinearForm(lambda v, _: 1.0 * v).assemble(faces)
+        return areas
+
 
 def discretise(mesh: "Mesh", kind: ElementKind) -> Discretisation:
     """Evaluate the shape functions of `kind` on all elements of `mesh` [mm]."""

@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.mechanics.cavity import Cavity
 from pgdl_lab.mechanics.face import Face, observe
 from pgdl_lab.mechanics.material import Material, Yeoh
 from pgdl_lab.mechanics.profile import Profile
+from pgdl_lab.mechanics.term import DeadLoad, Ramp, Schedule, Term
 
 if TYPE_CHECKING:
     from skfem import Mesh, MeshHex
+
+    from pgdl_lab.mechanics.elements import Discretisation
 
 STANDARD_GRAVITY_M_S2 = 9.81
 
@@ -92,6 +96,21 @@ class Finger(ABC):
         x, z = self.gravity_m_s2[0], self.gravity_m_s2[-1]
         across = 1e-4 * (float(np.hypot(x, z)) or STANDARD_GRAVITY_M_S2)
         return f"with a pull across that is next to nothing, finger.gravity_m_s2=[{x},{across:.3g},{z}]"
+
+    def loads(self, body: "Discretisation") -> dict[str, Term]:
+        """What acts on the finger, by name: its weight, and the air [MPa] in its cavities.
+
+        Parameters
+        ----------
+        body
+            The elements that it acts on; those of half a finger stand for both, with loads that are mirror images.
+        """
+        return {"air": Cavity(body.basis), "weight": DeadLoad.weight(body, self.body_force_n_mm3)}
+
+    def schedules(self) -> tuple[Schedule, Schedule]:
+        """How much of its loads acts: as they are put on, by a parameter from 0 to 1, and at each pressure [kPa]."""
+        weight = {"weight": 1.0}
+        return Ramp(weight), Ramp({"air": 1e-3}, held=weight)
 
     def doubts(self) -> Sequence[str]:
         """What about the body may not be as meant, in sentences that go with every result."""

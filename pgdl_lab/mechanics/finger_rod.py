@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.finger import ExtrudedFinger
-from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.reduced import ReducedModel
-from pgdl_lab.mechanics.rod import Rod, Sections
+from pgdl_lab.mechanics.rod import Axis, rod
 from pgdl_lab.mechanics.segments import cuts, meet, segments
 
 Array = NDArray[np.float64]
@@ -62,8 +61,8 @@ class FingerRod(ReducedModel):
         volume = along(area, nodes)
         mass = 1e-12 * finger.density_kg_m3 * volume
         lever = along(moment, nodes) / volume - self.axis_mm
-        self.equilibrium = self.rod = Rod(nodes, Sections(stiffness, air, mass, lever), finger.gravity_mm_s2[::2])
-        self.solver = symmetric_solver()
+        self.axis = Axis(nodes)
+        super().__init__(finger, rod(self.axis, stiffness, air, mass, lever, finger.gravity_mm_s2[::2]))
 
     def observer(self, face: Face) -> Callable[[Array, float], Array]:
         """The section's rigid motion and the shapes of its segment, which are joined at the base line."""
@@ -80,9 +79,9 @@ class FingerRod(ReducedModel):
             ends.append(segment.lattice.interpolation(np.array([[length, 0.0]])))
 
         def observe(state: Array, kpa: float) -> Array:
-            u, w, angle = (np.interp(x, self.rod.nodes, component) for component in state.T)
+            u, w, angle = (np.interp(x, self.axis.places, component) for component in state.T)
             amplitudes = self.amplitudes(state, kpa)
-            turns = np.interp(self.cuts[1:], self.rod.nodes, state[:, 2])
+            turns = np.interp(self.cuts[1:], self.axis.places, state[:, 2])
             excess, shift = np.empty_like(face.domain.points_mm), np.empty_like(face.domain.points_mm)
             reached = np.zeros(2)
             for number, (points, interpolation) in enumerate(groups):
@@ -96,7 +95,7 @@ class FingerRod(ReducedModel):
 
     def amplitudes(self, state: Array, kpa: float) -> Array:
         """Mean Γ [–] and κ [1/mm] of each segment, and the pressure [MPa]: (segments, 3)."""
-        counts, strains = np.bincount(self.owner), self.rod.strains(state)[:, ::2]
+        counts, strains = np.bincount(self.owner), self.axis.strains(state)[:, ::2]
         means = np.column_stack([np.bincount(self.owner, strain) / counts for strain in strains.T])
         return np.column_stack([means, np.full(len(means), 1e-3 * kpa)])
 

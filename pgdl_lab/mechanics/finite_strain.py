@@ -1,29 +1,27 @@
 """A finger as a three-dimensional finite-strain solid: from mesh to the history of its equilibria."""
 
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.domain import Domain
-from pgdl_lab.core.errors import InputError, LabError
-from pgdl_lab.mechanics.cavity import Cavity
-from pgdl_lab.mechanics.contact import REACH_MM, Contact, NoContact
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.mechanics.contact import REACH_MM, Contact
 from pgdl_lab.mechanics.discretisation_error import DiscretisationError, estimate, refined
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, choose, discretise
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.leaning import Lean, Leaning, whole
-from pgdl_lab.mechanics.linear import SymmetricSolver, symmetric_solver
+from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.loading import History, load, progress
 from pgdl_lab.mechanics.memory import require
-from pgdl_lab.mechanics.newton import NoConvergence, Solution, solve
-from pgdl_lab.mechanics.path import SMALLEST_STEP, Branch, PathEnded, follow, refine
 from pgdl_lab.mechanics.places import interpolation_at
 from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.mechanics.term import Amplitudes, Term
 from pgdl_lab.mechanics.vtk import vtk_cells
 
 if TYPE_CHECKING:
@@ -31,145 +29,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FIRST_WEIGHT = 0.1  # of the weight
-FIRST_PRESSURE = 0.04  # of the highest pressure
-SAME_STIFFNESS_MM = 1e-8  # a displacement so small leaves slopes as they are, even for interpolation to 1e-5 mm
 PROBED = 200  # points at a time
-
-
-def unborne(branch: Branch) -> str:
-    """Why a path ended before the whole weight was on: at a limit point, or where Newton's method found no more."""
-    reached, units = f"{branch.parameters[-1]:.2%}", "finger.density_kg_m3 and finger.gravity_m_s2"
-    if branch.limit() is not None:
-        return f"The finger bears only {reached} of its weight: check the units of {units}, or make it stiffer."
-    return (
-        f"Newton's method found no equilibrium beyond {reached} of the finger's weight, however small the step (down "
-        f"to {SMALLEST_STEP:.3%}): it may bear no more, so check the units of {units}; if they are right, refine the "
-        "mesh."
-    )
-
-
-class SlippedThrough(Exception):
-    """Contact follows curved faces so coarsely that they pass through each other, and can follow them more finely."""
-
-
-@dataclass
-class LoadLeg:
-    """A leg of the load path: the equilibria as one load rises.
-
-    Attributes
-    ----------
-    load
-        What acts at a value of the parameter.
-    driver
-        Derivative of the outer nodal forces with respect to the parameter (N, 3), at a displacement (N, 3) [mm].
-    unstable
-        Values of the parameter at which the equilibrium found is not a minimum of the energy.
-    watch
-        Factorises the stiffness against motions that break the symmetry; None: they are not looked at.
-    sideways
-        Values of the parameter at which the equilibrium gives way to such motions.
-    """
-
-    equilibrium: Equilibrium
-    solver: SymmetricSolver
-    tolerance_mm: float
-    load: Callable[[float], Load]
-    driver: Callable[[Array], Array]
-    watch: SymmetricSolver | None = None
-    unstable: list[float] = field(default_factory=list)
-    sideways: list[float] = field(default_factory=list)
-    _found: dict[float, Array] = field(default_factory=dict)
-    _slopes: dict[float, Array] = field(default_factory=dict)
-
-    def solve(self, start: Array, parameter: float) -> Solution:
-        """As `newton.solve`; contact that waits is brought in by the first solution that it concerns."""
-        contact = self.equilibrium.contact
-        nearest = min(self._found, key=lambda known: abs(known - parameter), default=parameter)
-        before = self._found.get(nearest, start)
-        if contact.active and contact.free_step(before, start - before) < 1:  # beyond a surface: the tangent may not be
-            start = before + (parameter - nearest) * self._slopes[nearest]
-            if contact.free_step(before, start - before) < 1:
-                raise NoConvergence
-        solution = solve(self.equilibrium, self.solver, start, self.load(parameter), self.tolerance_mm)
-        found = solution.displacement
-        if contact.mode == "auto" and not contact.active and (contact.near(found) or contact.passes(before, found)):
-            contact.active = True
-            raise NoConvergence  # so that the step is taken again, shorter
-        if contact.active and contact.slips_through(found) and contact.follow_more_finely():
-            raise SlippedThrough
-        self._found[parameter] = found
-        return solution
-
-    def slope(self, solution: Solution, parameter: float) -> Array:
-        free, displacement = self.equilibrium.free, solution.displacement
-        if solution.correction_mm > SAME_STIFFNESS_MM:
-            balance = self.equilibrium.balance(displacement, self.load(parameter), stiffness=True)
-            self.solver.factorise(balance.stiffness)
-        if self.solver.negative:
-            self.unstable.append(parameter)
-        slope = np.zeros_like(displacement)
-        slope[free] = self.solver.solve(self.driver(displacement)[free])
-        self._slopes[parameter] = slope
-        if self.watch is not None:
-            self.solver.release()  # the factors of one matrix at a time
-            self.watch.factorise(self.equilibrium.sideways_stiffness(displacement, self.load(parameter)))
-            self.watch.release()
-            if self.watch.negative:
-                self.sideways.append(parameter)
-        return slope
-
-
-@dataclass(frozen=True)
-class History:
-    """The equilibria of a finger under its weight and rising pressure.
-
-    Attributes
-    ----------
-    branch
-        The leg of rising pressure, parametrised in kPa.
-    complete
-        Whether it reaches the highest pressure.
-    interpolation_mm
-        Largest estimated error between the equilibria [mm].
-    iterations
-        Newton iterations in all, those for the weight included.
-    unstable_kpa
-        Pressures [kPa] at which the equilibrium is not a minimum of the energy.
-    sideways_unstable_kpa
-        Those [kPa] at which it is none of the whole body's, though it may be one of the half that is meshed: it gives
-        way to motions that break the symmetry.
-    """
-
-    branch: Branch
-    complete: bool
-    interpolation_mm: float
-    iterations: int
-    unstable_kpa: list[float]
-    sideways_unstable_kpa: list[float]
-
-    @property
-    def reached_kpa(self) -> float:
-        """Highest pressure with an equilibrium [kPa]."""
-        return self.branch.parameters[-1]
-
-    @property
-    def limit_kpa(self) -> float | None:
-        """Where the pressure has a maximum that ends the branch [kPa]; None if it ends otherwise."""
-        return None if self.complete else self.branch.limit()
-
-    def ending(self, finger: Finger, count: int, asked: int) -> str:
-        """What to tell of a branch that is not complete, `count` of whose `asked` snapshots converged."""
-        limit = self.limit_kpa
-        why = "" if limit is None else f" The pressure has a maximum near {limit:.4g} kPa: there it balloons or snaps."
-        return (
-            f"The finger was in equilibrium up to {self.reached_kpa:.4g} kPa, but not at "
-            f"finger.max_kpa={finger.max_kpa:g}: {count} of {asked} snapshots converged.{why}"
-        )
-
-    def at(self, kpa: float) -> Array:
-        """Displacement (N, 3) [mm] of all nodes at a pressure [kPa]."""
-        return self.branch.at(kpa)
 
 
 class Model:
@@ -204,9 +64,14 @@ class Model:
         self.contact_mm = contact_mm
         self.equilibrium = self.equilibrium_on(self.mesh, lambda on: self._contact(on, contact))
         self.discretisation = self.equilibrium.solid.discretisation
+        acting = self.equilibrium.contact
+        assert acting is not None
+        self.contact = acting
         self.solver = symmetric_solver()
 
-    def equilibrium_on(self, mesh: "Mesh", contact: Callable[[Discretisation], Contact]) -> Equilibrium:
+    def equilibrium_on(
+        self, mesh: "Mesh", contact: Callable[[Discretisation], Contact | None] = lambda _: None
+    ) -> Equilibrium:
         """What balances in the finger on `mesh` [mm], with the contact made for it.
 
         Raises
@@ -228,89 +93,46 @@ class Model:
             plane, sideways = basis.get_dofs("symmetry").all(), free.copy()
             free[plane, 1] = False
             sideways[plane, 0] = sideways[plane, 2] = False
-        return Equilibrium(
-            Solid(discretisation, self.finger.material),
-            Cavity(basis),
-            self.finger.body_force_n_mm3,
-            free,
-            contact(discretisation),
-            sideways,
-        )
+        terms: dict[str, Term] = {"solid": Solid(discretisation, self.finger.material)}
+        terms |= self.finger.loads(discretisation)
+        if (made := contact(discretisation)) is not None:
+            terms["contact"] = made
+        return Equilibrium(terms, free, sideways)
 
     def _contact(self, discretisation: Discretisation, mode: str) -> Contact:
         return Contact(discretisation, self.contact_mm, self.finger.material.shear_modulus_mpa / 40, mode=mode)
 
     def load(self, pressures_kpa: Array, newton_mm: float, interpolation_mm: float) -> History:
-        """Apply the weight, then the pressure.
+        """Put on the finger's loads, then raise the pressure; see `loading.load`."""
+        return load(self.equilibrium, self.solver, self.finger.schedules(), pressures_kpa, newton_mm, interpolation_mm)
 
-        Parameters
-        ----------
-        pressures_kpa
-            (P,) rising: where the displacement will be asked for, the highest last [kPa].
-        newton_mm
-            Tolerance of each equilibrium [mm].
-        interpolation_mm
-            Tolerance at `pressures_kpa` between the equilibria [mm].
-
-        Raises
-        ------
-        LabError
-            When the finger does not bear its own weight.
-        """
-        while True:
-            try:
-                return self._loaded(pressures_kpa, newton_mm, interpolation_mm)
-            except SlippedThrough:  # what was found before is no equilibrium of the finer contact
-                continue
-
-    def _loaded(self, pressures_kpa: Array, newton_mm: float, interpolation_mm: float) -> History:
-        equilibrium, max_kpa = self.equilibrium, float(pressures_kpa[-1])
-        weigh = LoadLeg(equilibrium, self.solver, newton_mm, lambda w: Load(w, 0.0), lambda _: equilibrium.weight)
-        inflate = LoadLeg(
-            equilibrium,
-            self.solver,
-            newton_mm,
-            lambda kpa: Load(1.0, 1e-3 * kpa),
-            lambda displacement: 1e-3 * equilibrium.pressure_forces(displacement),
-            watch=None if equilibrium.sideways is None else symmetric_solver(),
-        )
-        watching = closing(inflate.watch) if inflate.watch else nullcontext()
-        with closing(self.solver), watching, progress() as show:
-            resting, weighing = np.zeros_like(equilibrium.weight), 0
-            if equilibrium.weight.any():
-                try:
-                    settled = follow(weigh, resting, 1.0, FIRST_WEIGHT, lambda w: show(0.0, f"{w:4.0%} of the weight"))
-                except PathEnded as end:
-                    raise LabError(unborne(end.branch)) from None
-                resting, weighing = settled.displacements[-1], settled.iterations
-            complete, report = True, lambda kpa: show(kpa / max_kpa, f"{kpa:5.1f} of {max_kpa:g} kPa")
-            try:
-                branch = follow(inflate, resting, max_kpa, FIRST_PRESSURE * max_kpa, report)
-            except PathEnded as end:
-                branch, complete = end.branch, False
-            error = refine(inflate, branch, pressures_kpa, interpolation_mm)
-        iterations = weighing + branch.iterations
-        return History(branch, complete, error, iterations, sorted(inflate.unstable), sorted(inflate.sideways))
+    def amplitudes(self, kpa: float) -> Amplitudes:
+        """Of all loads at a pressure [kPa]."""
+        return self.finger.schedules()[1].at(kpa)
 
     def reaction_and_load_n(self, displacement: Array, kpa: float) -> tuple[Array, Array]:
-        """Reaction of the support, and sum of weight and pressure: (3,) each [N], for what is meshed.
+        """Reaction of the support, and sum of all loads: (3,) each [N], for what is meshed.
 
         They cancel; the other half of a finger, where only one is meshed, counts as support along y.
         """
-        return self.equilibrium.reaction_and_load(displacement, Load(1.0, 1e-3 * kpa))
+        return self.equilibrium.reaction_and_load(displacement, self.amplitudes(kpa))
+
+    def volumes_mm3(self, displacement: Array) -> dict[str, float]:
+        """Enclosed volume of each chamber [mm³] at `displacement` (N, 3) [mm], for what is meshed."""
+        return self.equilibrium.volumes_mm3(displacement)
 
     def discretisation_error(self, history: History) -> DiscretisationError | None:
         """Estimated for the equilibrium at the highest pressure; None if none can be had."""
-        highest, contact = history.branch.displacements[-1], self.equilibrium.contact
+        highest, contact = history.branch.displacements[-1], self.contact
         touching = contact.active and contact.near(highest)
         with progress() as show:
             show(0.0, "discretisation error")
             # It acts at the places where it acted, which are then where they were: none crosses another.
             fine = self.equilibrium_on(
                 refined(self.mesh),
-                lambda on: contact.carried(lambda places: interpolation_at(on, places)) if touching else NoContact(),
+                lambda on: contact.carried(lambda places: interpolation_at(on, places)) if touching else None,
             )
-            return estimate(self.equilibrium, fine, highest, history.reached_kpa)
+            return estimate(self.equilibrium, fine, highest, history.reached_kpa, self.amplitudes(history.reached_kpa))
 
     def lean(self, parameters: list[float], displacements: list[Array], gives_way_kpa: list[float]) -> Lean | None:
         """How far the body leans over where its half gives way sideways; the farthest, None where it never does.
@@ -325,13 +147,13 @@ class Model:
         if not gives_way_kpa:
             return None
         largest_mm = max(float(np.linalg.norm(each, axis=1).max()) for each in displacements)
-        contact, farthest = self.equilibrium.contact, Lean(gives_way_kpa[-1], 0.0, 0.0, True)
+        contact, farthest = self.contact, Lean(gives_way_kpa[-1], 0.0, 0.0, True)
         with closing(symmetric_solver()) as solver, progress() as show:
             show(0.0, "leaning over")
             both = self.equilibrium_on(
-                whole(self.mesh), lambda on: self._contact(on, "on").like(contact) if contact.active else NoContact()
+                whole(self.mesh), lambda on: self._contact(on, "on").like(contact) if contact.active else None
             )
-            leaning = Leaning(self.equilibrium, both)
+            leaning = Leaning(self.equilibrium, both, self.finger.schedules()[1])
             for kpa in dict.fromkeys([gives_way_kpa[place] for place in (-1, 0, len(gives_way_kpa) // 2)]):
                 found = leaning.lean(solver, displacements[parameters.index(kpa)], kpa, largest_mm)
                 farthest = max(farthest, found, key=lambda each: (not each.settled, each.mm))
@@ -346,7 +168,7 @@ class Model:
         found = []
         with closing(symmetric_solver()) as solver:
             for kpa, displacement in zip(parameters, displacements, strict=True):
-                solver.factorise(self.equilibrium.sideways_stiffness(displacement, Load(1.0, 1e-3 * kpa)))
+                solver.factorise(self.equilibrium.sideways_stiffness(displacement, self.amplitudes(kpa)))
                 if solver.negative:
                     found.append(kpa)
         return found
@@ -354,11 +176,11 @@ class Model:
     def crossed_kpa(self, parameters: list[float], displacements: list[Array]) -> list[float]:
         """Pressures [kPa] at which surfaces pass through each other at these displacements (N, 3) [mm]."""
         states = zip(parameters, displacements, strict=True)
-        return [kpa for kpa, displacement in states if self.equilibrium.contact.penetrates(displacement)]
+        return [kpa for kpa, displacement in states if self.contact.penetrates(displacement)]
 
     def contact_report(self, history: History) -> dict[str, Any]:
         """Whether contact acted, the smallest gap [mm] (None: none near) and the pressures [kPa] with penetration."""
-        contact, branch = self.equilibrium.contact, history.branch
+        contact, branch = self.contact, history.branch
         smallest = min(contact.gap_mm(displacement) for displacement in branch.displacements)
         return {
             "acted": contact.active and any(contact.near(displacement) for displacement in branch.displacements),
@@ -381,15 +203,3 @@ class Model:
         """The mesh, in the order of VTK."""
         name, cells = vtk_cells(self.discretisation)
         return Domain(self.discretisation.positions, cells, name)
-
-
-@contextmanager
-def progress() -> Iterator[Callable[[float, str], None]]:
-    """A progress bar; the function it yields takes the fraction done and what to say."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("Simulating"), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("meshed", total=1.0)
-        yield lambda done, text: progress.update(task, completed=done, description=text)

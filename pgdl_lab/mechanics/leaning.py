@@ -13,10 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load, nodal_volumes
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.linear import SymmetricSolver
 from pgdl_lab.mechanics.newton import CLOSE_MM, NoConvergence, step_length
+from pgdl_lab.mechanics.term import Amplitudes, Schedule
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -97,12 +98,14 @@ class Leaning:
     ----------
     half, both
         What balances in the half y ≥ 0, and in the whole body on `whole` of its mesh.
+    schedule
+        Amplitudes of the loads at each pressure [kPa].
     """
 
-    def __init__(self, half: Equilibrium, both: Equilibrium) -> None:
+    def __init__(self, half: Equilibrium, both: Equilibrium, schedule: Schedule) -> None:
         from scipy.spatial import cKDTree
 
-        self._half, self._both = half, both
+        self._half, self._both, self._schedule = half, both, schedule
         ours, tree = half.solid.discretisation.positions, cKDTree(both.solid.discretisation.positions)
         self._right, self._left = (tree.query(ours * [1, side, 1])[1] for side in (1, -1))
         self._mass = _share(both) * np.ones(3)
@@ -115,11 +118,11 @@ class Leaning:
         largest_mm
             Largest displacement, which steps and tolerances go by [mm].
         """
-        load = Load(1.0, 1e-3 * kpa)
+        amplitudes = self._schedule.at(kpa)
         start = self._joined(displacement, [1, -1, 1])
-        push = self._joined(self._mode(solver, displacement, load), [-1, 1, -1]) * PUSH * largest_mm
+        push = self._joined(self._mode(solver, displacement, amplitudes), [-1, 1, -1]) * PUSH * largest_mm
         pushed = start + 0.5 * self._both.free_step(start, push) * push
-        at, settled = self._descend(solver, pushed, load, largest_mm)
+        at, settled = self._descend(solver, pushed, amplitudes, largest_mm)
         lean_mm = self._lean_mm(at)
         return Lean(kpa, lean_mm, 100 * lean_mm / largest_mm, settled)
 
@@ -132,12 +135,12 @@ class Leaning:
         difference = displacement[self._right] - displacement[self._left] * [1, -1, 1]
         return float(np.linalg.norm(difference, axis=1).max() / 2)
 
-    def _mode(self, solver: SymmetricSolver, displacement: Array, load: Load) -> Array:
+    def _mode(self, solver: SymmetricSolver, displacement: Array, amplitudes: Amplitudes) -> Array:
         """The way (N, 3) in which the half gives way first, of length 1 where it is longest."""
         half, free = self._half, self._half.sideways
         assert free is not None
         mass = np.broadcast_to(_share(half), free.shape)[free]
-        _positive(solver, half.sideways_stiffness(displacement, load), mass, 0.0)
+        _positive(solver, half.sideways_stiffness(displacement, amplitudes), mass, 0.0)
         way = np.random.default_rng(0).normal(size=len(mass))
         for _ in range(INVERSE_ITERATIONS):
             way = solver.solve(mass * way)
@@ -146,13 +149,15 @@ class Leaning:
         result[free] = way
         return result
 
-    def _descend(self, solver: SymmetricSolver, at: Array, load: Load, largest_mm: float) -> tuple[Array, bool]:
+    def _descend(
+        self, solver: SymmetricSolver, at: Array, amplitudes: Amplitudes, largest_mm: float
+    ) -> tuple[Array, bool]:
         """A minimum of the energy below `at` (M, 3), and whether it is one; not if it leans too far or is slow."""
         both, free, added, leans_mm = self._both, self._both.free, 0.0, list[float]()
         for _ in range(STEPS):
             if self._lean_mm(at) > FAR * largest_mm:
                 return at, False
-            here = both.balance(at, load, stiffness=True)
+            here = both.balance(at, amplitudes, stiffness=True)
             assert here.stiffness is not None
             added = _positive(solver, here.stiffness, self._mass[free], added)
             step = np.zeros_like(at)
@@ -165,7 +170,7 @@ class Leaning:
             reach = both.free_step(at, step)
             try:
                 near = not added and longest < CLOSE_MM  # there energies differ by round-off
-                at = at + (reach if near else step_length(both, at, step, load, here, 0.0, reach)) * step
+                at = at + (reach if near else step_length(both, at, step, amplitudes, here, 0.0, reach)) * step
             except NoConvergence:  # a shorter step may
                 added = max(STIFFER**2 * added, least)
                 continue
@@ -179,7 +184,7 @@ def _share(equilibrium: Equilibrium) -> Array:
 
     The shape functions of corners of elements without a centre have a negative integral.
     """
-    volumes = np.abs(nodal_volumes(equilibrium.solid.discretisation))
+    volumes = np.abs(equilibrium.solid.discretisation.nodal_volumes())
     return np.asarray(np.maximum(volumes, LEAST_SHARE * volumes.mean())[:, None])
 
 

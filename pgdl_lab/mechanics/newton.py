@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.mechanics.equilibrium import Balance, Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Balance, Equilibrium
 from pgdl_lab.mechanics.linear import SymmetricSolver
 from pgdl_lab.mechanics.solid import InvertedElement
+from pgdl_lab.mechanics.term import Amplitudes
 
 Array = NDArray[np.float64]
 
@@ -39,8 +40,10 @@ class Solution:
     correction_mm: float
 
 
-def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, tolerance_mm: float) -> Solution:
-    """Find the equilibrium under `load`, starting from the displacement `start` (N, 3) [mm].
+def solve(
+    equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, amplitudes: Amplitudes, tolerance_mm: float
+) -> Solution:
+    """Find the equilibrium under loads of these `amplitudes`, starting from the displacement `start` (N, 3) [mm].
 
     Converged when the largest correction is below `tolerance_mm` [mm] and taken whole; the error left is then of the
     order of its square. The first step is taken whole: after a large rotation the energy first rises, because the
@@ -55,7 +58,7 @@ def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load:
     displacement, free = start, equilibrium.free
     for iteration in range(1, MOST_ITERATIONS + 1):
         try:
-            here = equilibrium.balance(displacement, load, stiffness=True)
+            here = equilibrium.balance(displacement, amplitudes, stiffness=True)
         except InvertedElement as error:
             raise NoConvergence from error
         solver.factorise(here.stiffness)
@@ -68,7 +71,7 @@ def solve(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load:
         step = 1.0
         if largest > CLOSE_MM or reach < 1:
             descent = np.inf if iteration == 1 and reach == 1 else float((here.forces * correction)[free].sum())
-            step = step_length(equilibrium, displacement, correction, load, here, descent, reach)
+            step = step_length(equilibrium, displacement, correction, amplitudes, here, descent, reach)
         displacement = displacement + step * correction
         if largest < tolerance_mm and step == 1:
             return Solution(displacement, iteration, largest)
@@ -79,7 +82,7 @@ def step_length(
     equilibrium: Equilibrium,
     displacement: Array,
     correction: Array,
-    load: Load,
+    amplitudes: Amplitudes,
     here: Balance,
     descent: float,
     longest: float,
@@ -96,7 +99,7 @@ def step_length(
     step = longest
     while step >= SMALLEST_STEP:
         try:
-            there = equilibrium.balance(displacement + step * correction, load, stiffness=False)
+            there = equilibrium.balance(displacement + step * correction, amplitudes, stiffness=False)
         except InvertedElement:
             step /= 2
             continue

@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import KroghInterpolator
 
 from pgdl_lab.core.errors import LabError
-from pgdl_lab.mechanics.hermite import hermite
 from pgdl_lab.mechanics.newton import NoConvergence, Solution
 
 Array = NDArray[np.float64]
@@ -72,7 +72,8 @@ class Branch:
 
     def at(self, parameter: float, nodes: int = NODES) -> Array:
         """Displacement (N, 3) [mm] at `parameter`, by the polynomial through the nearest `nodes` equilibria."""
-        return self._through(self.near(parameter, nodes), parameter)
+        (found,) = self._through(self.near(parameter, nodes), np.array([parameter]))
+        return found
 
     def near(self, parameter: float, nodes: int = NODES) -> range:
         """Numbers of the `nodes` equilibria that are nearest to `parameter`, or of all there are."""
@@ -90,18 +91,23 @@ class Branch:
         by more than 2.5 times the estimate, as long as neighbouring intervals differ by factors up to 8.
         """
         near, places, doubt = self.near((start + stop) / 2), start + PLACES * (stop - start), 0.0
-        result = [self._through(near, at) for at in places]
+        result = self._through(near, places)
         for left_out in near:
             share = END_SHARE if start <= self.parameters[left_out] <= stop else OTHER_SHARE
-            fewer = [k for k in near if k != left_out]
-            for before, at in zip(result, places, strict=True):
-                doubt = max(doubt, share * float(np.abs(self._through(fewer, at) - before).max()))
+            fewer = self._through([k for k in near if k != left_out], places)
+            for before, after in zip(result, fewer, strict=True):
+                doubt = max(doubt, share * float(np.abs(after - before).max()))
         return doubt
 
-    def _through(self, numbers: Sequence[int], parameter: float) -> Array:
-        """Displacement (N, 3) [mm] at `parameter`, by the polynomial through the equilibria with these `numbers`."""
-        parameters, displacements = [self.parameters[k] for k in numbers], [self.displacements[k] for k in numbers]
-        return hermite(parameters, displacements, [self.slopes[k] for k in numbers], parameter)
+    def _through(self, numbers: Sequence[int], places: Array) -> list[Array]:
+        """Displacements (N, 3) [mm] at `places`, by the polynomial through the equilibria with these `numbers`."""
+        nodes = np.repeat([self.parameters[k] for k in numbers], 2)  # twice each: displacement and slope
+        known = [each for k in numbers for each in (self.displacements[k], self.slopes[k])]
+        weights = KroghInterpolator(nodes, np.eye(len(nodes)))(places)
+        return [
+            sum((w * each for w, each in zip(row[1:], known[1:], strict=True)), start=row[0] * known[0])
+            for row in weights
+        ]
 
     def limit(self) -> float | None:
         """Largest parameter of the branch if it turns back just beyond its last equilibrium, else None.

@@ -8,10 +8,11 @@ of Computation 35, 1980). Each step lowers the potential energy (Armijo).
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.mechanics.equilibrium import Balance, Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Balance, Equilibrium
 from pgdl_lab.mechanics.linear import SymmetricSolver
 from pgdl_lab.mechanics.newton import NoConvergence
 from pgdl_lab.mechanics.solid import InvertedElement
+from pgdl_lab.mechanics.term import Amplitudes
 
 Array = NDArray[np.float64]
 
@@ -23,8 +24,10 @@ ROUND_OFF = 1e-13  # of an energy
 LITTLE = 1e-10  # of the energy released since the start: a step that promises less leads nowhere
 
 
-def settle(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load: Load, accuracy: float) -> Array:
-    """The equilibrium (N, 3) [mm] under `load` that lies below `start` (N, 3) [mm] in energy.
+def settle(
+    equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, amplitudes: Amplitudes, accuracy: float
+) -> Array:
+    """The equilibrium (N, 3) [mm] under loads of these `amplitudes` that lies below `start` (N, 3) [mm] in energy.
 
     Parameters
     ----------
@@ -39,15 +42,15 @@ def settle(equilibrium: Equilibrium, solver: SymmetricSolver, start: Array, load
         When the equilibrium is not found with few factorisations.
     """
     try:
-        highest = equilibrium.balance(start, load, stiffness=False).energy
+        highest = equilibrium.balance(start, amplitudes, stiffness=False).energy
     except InvertedElement as error:
         raise NoConvergence from error
-    displacement, near = _descend(equilibrium, solver, start, highest, start, load, 0.0, FIRST_STEPS)
+    displacement, near = _descend(equilibrium, solver, start, highest, start, amplitudes, 0.0, FIRST_STEPS)
     if near:
         return displacement
     for _ in range(FACTORISATIONS):
-        solver.factorise(equilibrium.balance(displacement, load, stiffness=True).stiffness)
-        displacement, near = _descend(equilibrium, solver, start, highest, displacement, load, accuracy, STEPS)
+        solver.factorise(equilibrium.balance(displacement, amplitudes, stiffness=True).stiffness)
+        displacement, near = _descend(equilibrium, solver, start, highest, displacement, amplitudes, accuracy, STEPS)
         if near:
             return displacement
     raise NoConvergence
@@ -59,20 +62,20 @@ def _descend(
     start: Array,
     highest: float,
     displacement: Array,
-    load: Load,
+    amplitudes: Amplitudes,
     accuracy: float,
     steps: int,
 ) -> tuple[Array, bool]:
     """Take at most `steps` from `displacement`; also whether it is near enough. At `start` the energy is `highest`."""
     free, updates = equilibrium.free, list[tuple[Array, Array, float]]()
-    here = equilibrium.balance(displacement, load, stiffness=False)
+    here = equilibrium.balance(displacement, amplitudes, stiffness=False)
     for _ in range(steps):
         way = np.zeros_like(start)
         way[free] = -_direction(solver, updates, here.forces[free])
         slope = float((here.forces * way)[free].sum())
         if abs(slope) <= LITTLE * (highest - here.energy):
             return displacement, True
-        length, there = _step(equilibrium, displacement, way, load, here, slope)
+        length, there = _step(equilibrium, displacement, way, amplitudes, here, slope)
         if length == 0:  # another stiffness may know a better way
             break
         step = length * way
@@ -99,13 +102,13 @@ def _direction(solver: SymmetricSolver, updates: list[tuple[Array, Array, float]
 
 
 def _step(
-    equilibrium: Equilibrium, displacement: Array, way: Array, load: Load, here: Balance, slope: float
+    equilibrium: Equilibrium, displacement: Array, way: Array, amplitudes: Amplitudes, here: Balance, slope: float
 ) -> tuple[float, Balance]:
     """How much of `way` (N, 3) lowers the energy enough, and the balance there; 0 if nothing does."""
     length, noise = equilibrium.free_step(displacement, way), ROUND_OFF * abs(here.energy)
     while slope < 0 and length >= SMALLEST_STEP:
         try:
-            there = equilibrium.balance(displacement + length * way, load, stiffness=False)
+            there = equilibrium.balance(displacement + length * way, amplitudes, stiffness=False)
         except InvertedElement:
             length /= 2
             continue

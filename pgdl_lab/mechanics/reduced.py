@@ -1,31 +1,44 @@
 """What the models below the three-dimensional solid share: the finger they can take and the way to snapshots."""
 
-import logging
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab import __version__
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import describe
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.face import Face
-from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import ExtrudedFinger, Finger
-from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.loading import History, load
 
 Array = NDArray[np.float64]
 
-_log = logging.getLogger(__name__)
 
+class ReducedModel(ABC):
+    """A model of a finger with unknowns of its own.
 
-class ReducedModel(Model):
-    """A model with unknowns of its own, whose `equilibrium` and `solver` the load path of the solid can use."""
+    Parameters
+    ----------
+    finger
+        What is modelled.
+    equilibrium
+        What balances, by these unknowns, with the loads "weight" and "air".
+    """
+
+    def __init__(self, finger: ExtrudedFinger, equilibrium: Equilibrium) -> None:
+        self.finger, self.equilibrium, self.solver = finger, equilibrium, symmetric_solver()
+
+    def load(self, pressures_kpa: Array, newton_mm: float, interpolation_mm: float) -> History:
+        """Put on the weight, then raise the pressure; see `loading.load`."""
+        return load(self.equilibrium, self.solver, self.finger.schedules(), pressures_kpa, newton_mm, interpolation_mm)
 
     @abstractmethod
     def observer(self, face: Face) -> Callable[[Array, float], Array]:
@@ -45,7 +58,8 @@ class ReducedModel(Model):
 
 
 def require_profile(finger: Finger, fem: Fem) -> ExtrudedFinger:
-    """`finger`, if it has a profile; raises InputError."""
+    """`finger`, if it has a profile, and no loads but its weight and one pressure; raises InputError."""
+    fem.refuse_further_loads(finger)
     if not isinstance(finger, ExtrudedFinger):
         raise InputError(
             f"fem={describe(fem)['name']} is made from the x–z profile of a finger, and "
@@ -89,44 +103,29 @@ def simulate(
     pressures = observation.pressures_kpa(finger.max_kpa)
     history = model.load(pressures, *tolerances_mm)
     solved = time.perf_counter()
-    pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
+    pressures = history.reached(pressures)
     observe = model.observer(face)
-    displacements = np.array([observe(history.at(kpa), float(kpa)) for kpa in pressures])
+    displacements = [observe(history.at(kpa), float(kpa)) for kpa in pressures]
     ended = time.perf_counter()
-    snapshots = Dataset.path(
-        face.domain,
-        pressures,
-        displacements.reshape(-1, len(face.domain.points_mm), 2),
-        provenance={
-            "finger": describe(finger),
-            "fem": describe(fem),
-            "mesh": model.size() | {"degrees_of_freedom": int(model.equilibrium.free.sum())},
-            "equilibria_kpa": history.branch.parameters,
-            "newton_iterations": history.iterations,
-            "interpolation_error_mm": history.interpolation_mm,
-            "unstable_kpa": history.unstable_kpa,
-            "limit_kpa": history.limit_kpa,
-            "linear_solver": model.solver.name,
-            "versions": {"pgdl_lab": __version__},
-            "seconds_of": {"model": made - began, "equilibria": solved - made, "snapshots": ended - solved},
-            "seconds": ended - began,
-        },
-    )
-    for sentence in (f"{caution} Compare with fem=solid if that matters.", *model.doubts()):
-        _log.warning("%s", sentence)
+    warnings = [f"{caution} Compare with fem=solid if that matters.", *model.doubts()]
     touching = [kpa for kpa in [0.0, *pressures.tolist()] if model.touches(history.at(kpa), kpa)]
     if touching:
-        _log.warning(
-            "Surfaces pass through each other at %.4g kPa and more, as fem=%s leaves contact out: choose fem=solid.",
-            touching[0],
-            describe(fem)["name"],
+        warnings.append(
+            f"Surfaces pass through each other at {touching[0]:.4g} kPa and more, as fem={describe(fem)['name']} "
+            "leaves contact out: choose fem=solid."
         )
-    if history.unstable_kpa:
-        _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
-    if not history.complete:
-        raise SimulationStopped(
-            f"{history.ending(finger, len(pressures), observation.snapshots)} Lower the pressure, thicken the walls or "
-            "choose fem=solid.",
-            snapshots,
-        )
-    return snapshots
+    return fem.dataset(
+        finger,
+        face,
+        pressures,
+        displacements,
+        {
+            "mesh": model.size() | {"degrees_of_freedom": int(model.equilibrium.free.sum())},
+            "linear_solver": model.solver.name,
+            "seconds_of": {"model": made - began, "equilibria": solved - made, "snapshots": ended - solved},
+            "seconds": ended - began,
+            **history.provenance(),
+        },
+        warnings=[*warnings, *history.warnings()],
+        trouble=history.trouble(finger, len(pressures), observation.snapshots, "thicken the walls or choose fem=solid"),
+    )

@@ -18,19 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.air import Air
-from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.elements import Discretisation, pressure_modes
-from pgdl_lab.mechanics.equilibrium import Equilibrium, nodal_volumes
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.face import Face
 from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.lattice import Lattice
-from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Material
 from pgdl_lab.mechanics.plane_stress import PlaneStress
 from pgdl_lab.mechanics.profile import Region
 from pgdl_lab.mechanics.reduced import ReducedModel
 from pgdl_lab.mechanics.segments import Segment, cuts, meet, segments
 from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.mechanics.term import DeadLoad
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -97,7 +96,7 @@ class PlaneFinger(ReducedModel):
     def __init__(self, finger: ExtrudedFinger, edge_mm: float, state: PlaneState) -> None:
         from skfem import MeshQuad
 
-        self._finger, self._edge_mm = finger, edge_mm
+        self._edge_mm = edge_mm
         grid = finger.profile().refined(edge_mm)
         self.lattice = Lattice(grid)
         block = MeshQuad.init_tensor(grid.x, grid.z)
@@ -111,11 +110,10 @@ class PlaneFinger(ReducedModel):
         free = np.ones(whole.positions.shape, dtype=bool)
         free[:, 1] = False
         free[np.isclose(whole.positions[:, 0], grid.x[0])] = False
-        weight = finger.body_force_n_mm3
         self.mesh, self.nodes = mesh, self.lattice.nearest(*whole.positions[:, [0, 2]].T)
-        self.equilibrium = Equilibrium(Solid(stiff, state.law(finger.material)), Air(air), weight, free, NoContact())
-        self.equilibrium.weight = nodal_volumes(whole)[:, None] * weight  # the whole weight of the side walls
-        self.solver = symmetric_solver()
+        weight = DeadLoad.weight(whole, finger.body_force_n_mm3)  # the side walls have all of theirs
+        solid = Solid(stiff, state.law(finger.material))
+        super().__init__(finger, Equilibrium({"solid": solid, "air": Air(air), "weight": weight}, free))
 
     def observer(self, face: Face) -> Callable[[Array, float], Array]:
         matrix = self.lattice.interpolation(face.domain.points_mm)[:, self.nodes]
@@ -128,8 +126,8 @@ class PlaneFinger(ReducedModel):
 
     @cached_property
     def _segments(self) -> list[Segment]:
-        profile = self._finger.profile()
-        return segments(self._finger, cuts(profile), self._edge_mm, float(profile.z[[0, -1]].mean()))
+        profile = self.finger.profile()
+        return segments(self.finger, cuts(profile), self._edge_mm, float(profile.z[[0, -1]].mean()))
 
     def size(self) -> dict[str, Any]:
         return {"elements": self.mesh.nelements, "nodes": len(self.nodes)}

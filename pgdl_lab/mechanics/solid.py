@@ -20,6 +20,7 @@ from threadpoolctl import ThreadpoolController
 from pgdl_lab.mechanics.elements import Discretisation
 from pgdl_lab.mechanics.invariants import COLUMNS, PLACES, ROWS
 from pgdl_lab.mechanics.material import FirstInvariantMaterial, Material
+from pgdl_lab.mechanics.term import Response, Term
 from pgdl_lab.mechanics.threads import threads
 
 Array = NDArray[np.float64]
@@ -32,37 +33,29 @@ class InvertedElement(Exception):
     """An element is turned inside out: det F ≤ 0 at some quadrature point."""
 
 
-@dataclass(frozen=True)
-class Response:
-    """What the solid answers to a displacement.
+class Solid(Term):
+    """The hyperelastic body, and the elastic energy that it stores.
 
-    Attributes
+    Parameters
     ----------
-    energy
-        Stored elastic energy [N mm].
-    forces
-        (E, 3 A) derivative of the energy with respect to the nodal displacements of each element [N].
-    stiffness
-        (E, 3 A, 3 A) second derivative [N/mm]; None if not asked for.
+    discretisation
+        Its elements.
+    material
+        What they are made of.
+    pressure
+        (E, Q) [MPa], at which forces and stiffness are taken; None: the pressure that goes with the displacement.
     """
 
-    energy: float
-    forces: Array
-    stiffness: Array | None
+    def __init__(self, discretisation: Discretisation, material: Material, pressure: Array | None = None) -> None:
+        self.discretisation, self.material, self._given = discretisation, material, pressure
+        self.nodes = discretisation.nodes
 
+    def at_pressure(self, pressure: Array) -> "Solid":
+        """The same with a given pressure (E, Q) [MPa] in it."""
+        return Solid(self.discretisation, self.material, pressure)
 
-class Solid:
-    """The hyperelastic body: energy, forces and stiffness of all its elements."""
-
-    def __init__(self, discretisation: Discretisation, material: Material) -> None:
-        self.discretisation = discretisation
-        self.material = material
-
-    def response(self, displacement: Array, *, stiffness: bool, pressure: Array | None = None) -> Response:
-        """Energy, forces and, if asked for, stiffness at `displacement` (N, 3) [mm].
-
-        With a `pressure` (E, Q) [MPa] forces and stiffness are those at this pressure instead of the one that goes with
-        the displacement.
+    def response(self, displacement: Array, *, stiffness: bool) -> Response:
+        """As for all terms.
 
         Raises
         ------
@@ -74,7 +67,7 @@ class Solid:
         matrices = np.empty((count, 3 * nodes, 3 * nodes)) if stiffness else None
 
         def part(chunk: slice) -> float:
-            given = None if pressure is None else pressure[chunk]
+            given = None if self._given is None else self._given[chunk]
             return self._respond(chunk, displacement, given, forces, matrices)
 
         # Threads over chunks; inside a chunk the matrices are too small for a threaded BLAS.

@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.collision import collision_mesh, collisions, each, ends, moved
 from pgdl_lab.mechanics.skin import bulge, sampled
+from pgdl_lab.mechanics.term import Response
 from pgdl_lab.mechanics.through_air import shut_out_body
 
 if TYPE_CHECKING:
@@ -26,31 +26,6 @@ Index = NDArray[np.int64]
 # they all but touch. Beyond the limit it takes them to meet, which is safe.
 MOST_ADVANCES = 2000
 MOST_PAIRS = 200  # of the flat surface that are looked at one by one; more take longer than a look at the fine one
-
-
-@dataclass(frozen=True)
-class ContactResponse:
-    """The barrier and its derivatives.
-
-    Attributes
-    ----------
-    energy
-        Potential of the contact [N mm].
-    forces
-        (N, 3) its gradient [N].
-    stiffness
-        (3 N, 3 N) its Hessian [N/mm]; None if not asked for.
-    """
-
-    energy: float
-    forces: Array
-    stiffness: "csr_matrix | None"
-
-    def __add__(self, other: "ContactResponse") -> "ContactResponse":
-        stiffness = None
-        if self.stiffness is not None and other.stiffness is not None:
-            stiffness = self.stiffness + other.stiffness
-        return ContactResponse(self.energy + other.energy, self.forces + other.forces, stiffness)
 
 
 class Pairs(ABC):
@@ -85,14 +60,14 @@ class Pairs(ABC):
         self._mesh, self._part, self._reach_mm = mesh, part, reach_mm
         self._potential = ipctk.BarrierPotential(part * reach_mm, stiffness_mpa, use_physical_barrier=True)
 
-    def response(self, displacement: Array, *, hessian: bool) -> ContactResponse:
+    def response(self, displacement: Array, *, stiffness: bool) -> Response:
         """Energy, forces and, if asked for, stiffness at a `displacement` (N, 3) [mm] without penetration."""
         mesh, vertices = self._mesh, moved(self._mesh, displacement)
         touching = collisions(mesh, vertices, self._part * self._reach_mm)
         energy = float(self._potential(touching, mesh, vertices))
         forces = mesh.to_full_dof(self._potential.gradient(touching, mesh, vertices))
-        stiffness = mesh.to_full_dof(self._potential.hessian(touching, mesh, vertices)).tocsr() if hessian else None
-        return ContactResponse(energy, forces.reshape(displacement.shape), stiffness)
+        hessian = mesh.to_full_dof(self._potential.hessian(touching, mesh, vertices)).tocsr() if stiffness else None
+        return Response(energy, forces.reshape(displacement.shape), hessian)
 
     def free_step(self, displacement: Array, correction: Array) -> float:
         """Largest part of `correction`, at most 1, that can be added to `displacement` before a pair meets."""

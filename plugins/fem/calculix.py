@@ -1,6 +1,5 @@
 """The finger in CalculiX, a second code on the mesh of the solid."""
 
-import logging
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -8,20 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgdl_lab import __version__
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.observation import Observation
-from pgdl_lab.core.registry import describe, register
+from pgdl_lab.core.registry import register
 from pgdl_lab.mechanics.calculix_program import program, version
-from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
 
 if TYPE_CHECKING:
     from pgdl_lab.mechanics.calculix import Course
     from pgdl_lab.mechanics.finite_strain import Model
-
-_log = logging.getLogger(__name__)
 
 
 @register("fem", "calculix")
@@ -65,6 +61,7 @@ class Calculix(Fem):
         from pgdl_lab.mechanics.calculix import run
         from pgdl_lab.mechanics.finite_strain import Model
 
+        self.refuse_further_loads(finger)
         program()  # before anything is computed
         began = time.perf_counter()
         face = finger.face(observation.points)
@@ -72,51 +69,48 @@ class Calculix(Fem):
         pressures_kpa = observation.pressures_kpa(finger.max_kpa)
         course = run(model, finger, pressures_kpa, self.tolerance, self.timeout_s)
         probe = model.probe(face)
-        observed = course.displacements[1:]
         equilibria, found = course.pressures_kpa.tolist(), list(course.displacements)
         gives_way = model.gives_way_kpa(equilibria, found)
         lean, crossed = model.lean(equilibria, found, gives_way), model.crossed_kpa(equilibria, found)
-        snapshots = Dataset.path(
-            face.domain,
+        warnings, trouble = [], ""
+        if lean is not None and lean.counts:
+            warnings.append(lean.told(gives_way, len(equilibria), finger))
+        if crossed:
+            warnings.append(
+                f"Surfaces pass through each other at {crossed[0]:.4g} kPa and more, as fem=calculix leaves contact "
+                "out: choose fem=solid."
+            )
+        warnings.append(
+            "The discretisation error of fem=calculix is not estimated; on a mesh of 3 mm its element is some 10 % "
+            f"off: {finger.finer(self.edge_mm)} and compare, or choose fem=solid."
+        )
+        if course.trouble:
+            trouble = (
+                f"CalculiX found equilibria up to {course.reached_kpa:.4g} kPa, but not at "
+                f"finger.max_kpa={finger.max_kpa:g} ({course.trouble}): {len(found) - 1} of {observation.snapshots} "
+                "snapshots converged; lower the pressure or choose fem=solid."
+            )
+        return self.dataset(
+            finger,
+            face,
             course.pressures_kpa[1:],
-            np.array([probe(displacement) for displacement in observed]).reshape(-1, len(face.domain.points_mm), 2),
-            body=Dataset.path(model.domain(), course.pressures_kpa, course.displacements),
-            provenance=self._provenance(finger, model, course)
+            [probe(displacement) for displacement in found[1:]],
+            self._provenance(model, course)
             | {
                 "sideways_unstable_kpa": gives_way,
                 "sideways_lean": None if lean is None else asdict(lean),
                 "penetration_kpa": crossed,
                 "seconds": time.perf_counter() - began,
             },
+            body=Dataset.path(model.domain(), course.pressures_kpa, course.displacements),
+            warnings=warnings,
+            trouble=trouble,
         )
-        if lean is not None and lean.counts:
-            _log.warning("%s", lean.told(gives_way, len(equilibria), finger))
-        if crossed:
-            _log.warning(
-                "Surfaces pass through each other at %.4g kPa and more, as fem=calculix leaves contact out: choose "
-                "fem=solid.",
-                crossed[0],
-            )
-        _log.warning(
-            "The discretisation error of fem=calculix is not estimated; on a mesh of 3 mm its element is some 10 %% "
-            "off: %s and compare, or choose fem=solid.",
-            finger.finer(self.edge_mm),
-        )
-        if course.trouble:
-            raise SimulationStopped(
-                f"CalculiX found equilibria up to {course.reached_kpa:.4g} kPa, but not at "
-                f"finger.max_kpa={finger.max_kpa:g} ({course.trouble}): {len(observed)} of {observation.snapshots} "
-                "snapshots converged; lower the pressure or choose fem=solid.",
-                snapshots,
-            )
-        return snapshots
 
-    def _provenance(self, finger: Finger, model: "Model", course: "Course") -> dict[str, Any]:
+    def _provenance(self, model: "Model", course: "Course") -> dict[str, Any]:
         # By the solid's own inner forces, at the displacement that CalculiX found.
         reaction, outer = model.reaction_and_load_n(course.displacements[-1], float(course.pressures_kpa[-1]))
         return {
-            "finger": describe(finger),
-            "fem": describe(self),
             "mesh": {
                 "elements": model.mesh.nelements,
                 "nodes": len(model.discretisation.positions),
@@ -130,5 +124,5 @@ class Calculix(Fem):
             "threads": course.threads,
             "reaction_n": reaction.tolist(),
             "load_n": outer.tolist(),
-            "versions": {**self.programs(), "pgdl_lab": __version__},
+            "versions": dict(self.programs()),
         }

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgdl_lab import __version__
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.observation import Observation
-from pgdl_lab.core.registry import describe, register
+from pgdl_lab.core.registry import register
 from pgdl_lab.mechanics.contact import REACH_MM
-from pgdl_lab.mechanics.fem import Fem, SimulationStopped
+from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
 
 if TYPE_CHECKING:
-    from pgdl_lab.mechanics.finite_strain import History, Model
+    from pgdl_lab.mechanics.finite_strain import Model
+    from pgdl_lab.mechanics.loading import History
 
 _log = logging.getLogger(__name__)
 
@@ -87,36 +87,29 @@ class Solid(Fem):
             require(model.mesh, ELEMENTS[model.element], self.edge_mm, finger.mesh, refined=True)
         pressures = observation.pressures_kpa(finger.max_kpa)
         history = model.load(pressures, self.newton_mm, self.interpolation_mm)
-        pressures = pressures[pressures <= history.reached_kpa * (1 + 1e-12)]
+        pressures, equilibria = history.reached(pressures), history.branch
         probe = model.probe(face)
-        lean = model.lean(history.branch.parameters, history.branch.displacements, history.sideways_unstable_kpa)
-        snapshots = Dataset.path(
-            face.domain,
-            pressures,
-            np.array([probe(history.at(kpa)) for kpa in pressures]).reshape(-1, len(face.domain.points_mm), 2),
-            body=Dataset.path(
-                model.domain(), np.array(history.branch.parameters), np.array(history.branch.displacements)
-            ),
-            provenance=self._provenance(finger, model, history)
-            | {"sideways_lean": None if lean is None else asdict(lean), "seconds": time.perf_counter() - began},
-        )
-        if history.unstable_kpa:
-            _log.warning("The equilibria at %s kPa are unstable: the finger would snap through.", history.unstable_kpa)
+        gives_way = history.sideways_unstable_kpa
+        lean = model.lean(equilibria.parameters, equilibria.displacements, gives_way)
+        provenance, warnings = self._provenance(model, history), history.warnings()
         if lean is not None and lean.counts:
-            _log.warning("%s", lean.told(history.sideways_unstable_kpa, len(history.branch.parameters), finger))
-        if crossed := snapshots.provenance["contact"]["penetration_kpa"]:
-            _log.warning(
-                "Surfaces pass through each other at %.4g kPa and more: %s.",
-                crossed[0],
-                PREVENT["on" if model.equilibrium.contact.active else self.contact],
-            )
-        if not history.complete:
-            raise SimulationStopped(
-                f"{history.ending(finger, len(pressures), observation.snapshots)} Lower the pressure, thicken the "
-                "walls or refine the mesh.",
-                snapshots,
-            )
-        return snapshots
+            warnings.append(lean.told(gives_way, len(equilibria.parameters), finger))
+        if crossed := provenance["contact"]["penetration_kpa"]:
+            prevent = PREVENT["on" if model.contact.active else self.contact]
+            warnings.append(f"Surfaces pass through each other at {crossed[0]:.4g} kPa and more: {prevent}.")
+        return self.dataset(
+            finger,
+            face,
+            pressures,
+            [probe(history.at(kpa)) for kpa in pressures],
+            provenance
+            | {"sideways_lean": None if lean is None else asdict(lean), "seconds": time.perf_counter() - began},
+            body=Dataset.path(model.domain(), np.array(equilibria.parameters), np.array(equilibria.displacements)),
+            warnings=warnings,
+            trouble=history.trouble(
+                finger, len(pressures), observation.snapshots, "thicken the walls or refine the mesh"
+            ),
+        )
 
     def _discretisation_error(self, model: "Model", history: "History") -> dict[str, Any] | None:
         from pgdl_lab.mechanics.elements import AUTO, choose
@@ -142,29 +135,22 @@ class Solid(Fem):
             )
         return None if error is None else asdict(error)
 
-    def _provenance(self, finger: Finger, model: "Model", history: "History") -> dict[str, Any]:
+    def _provenance(self, model: "Model", history: "History") -> dict[str, Any]:
         reaction, outer = model.reaction_and_load_n(history.branch.displacements[-1], history.reached_kpa)
         return {
-            "finger": describe(finger),
-            "fem": describe(self),
             "element": model.element,
             "mesh": {
                 "elements": model.mesh.nelements,
                 "nodes": len(model.discretisation.positions),
                 "degrees_of_freedom": int(model.equilibrium.free.sum()),
             },
-            "equilibria_kpa": history.branch.parameters,
-            "newton_iterations": history.iterations,
-            "interpolation_error_mm": history.interpolation_mm,
+            **history.provenance(),
             "discretisation_error": self._discretisation_error(model, history),
-            "unstable_kpa": history.unstable_kpa,
             "sideways_unstable_kpa": history.sideways_unstable_kpa,
-            "limit_kpa": history.limit_kpa,
             "reaction_n": reaction.tolist(),
             "load_n": outer.tolist(),
             "contact": model.contact_report(history),
             "linear_solver": model.solver.name,
             "versions": {"python": platform.python_version()}
-            | {name: version(name) for name in ("numpy", "scipy", "scikit-fem")}
-            | {"pgdl_lab": __version__},
+            | {name: version(name) for name in ("numpy", "scipy", "scikit-fem")},
         }

@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 @register("loss", "boundary")
 @dataclass(frozen=True)
 class BoundaryLoss(Loss):
-    """Mean over the clamped points, u = 0 at x = 0, of the squared displacement [mm²]."""
+    """Mean over the clamped points, u = 0 at x = 0, of the squared displacement [mm²].
+
+    Its minimum, zero, lies at the simulated displacement, and at all others that are held there.
+    """
 
     unit: ClassVar[str] = "mm²"
 

@@ -28,7 +28,8 @@ class NavierCauchyLoss(PhysicsLoss):
     published form loses a derivative on the way from eq. (7) to eqs. (8) and (10): its first term is a stress [MPa]
     that is added to forces per volume, so its value depends on the unit of length. It is evaluated in MPa and mm.
 
-    Rubber under finite strain does not obey this linear law, so that even the exact solution has a residual. At the
+    Rubber under finite strain does not obey this linear law, so its minimum does not lie at the simulated displacement,
+    which has 0.079 (N/mm³)² on pneunet, but at rest, 1.2e-10 (mean over all pressures; `residuals` of each run). At the
     default weight it leaves the error of the default model as it is; the paper's weight is 1.
 
     Attributes

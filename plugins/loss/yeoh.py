@@ -22,7 +22,8 @@ class YeohLoss(PlaneLoss):
 
     The law is that of the finger: Yeoh or any other of the first invariant. The side face is a free surface, σ e_y = 0,
     so plane stress holds on it, but it is not in balance by itself: the stress that the body behind exerts on it,
-    ∂P_iy/∂y, is unknown and left out. Every run shows the residual that the simulated displacement has.
+    ∂P_iy/∂y, is unknown and left out. So its minimum does not lie at the simulated displacement, which has
+    3.2e-4 (N/mm³)² on pneunet, but near rest, 1.2e-10 (means over all pressures; `residuals` of each run).
     """
 
     order: ClassVar[int] = 2

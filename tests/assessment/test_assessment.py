@@ -246,7 +246,7 @@ def test_coverage_is_the_share_of_unseen_errors_within_the_bars() -> None:
 
 def test_table_shows_the_yardstick_and_the_coverage_beside_the_model(tmp_path: Path) -> None:
     data, split = small(), plugin("split", "random")()
-    chosen = training(tmp_path, {"data": {"weight": 0.0}, "navier_cauchy": {}, "equilibrium": {}})
+    chosen = training(tmp_path, {"data": {"weight": 0.0}, "navier_cauchy": {}, "section": {}})
     yardstick = measure(plugin("model", "finite_element")(), chosen, data, TRAIN, NONE)
     assert yardstick["model"] == "finite_element" and yardstick["mse_mm2"]["x"] < 1e-2
     found = assess(

@@ -22,7 +22,7 @@ P_MPA = torch.tensor(0.02, dtype=torch.double)
 def section(state: str = "plane_strain", chambers: int = 2) -> SectionBalance:
     finger = pneunet(chambers=chambers)
     assert isinstance(finger, ExtrudedFinger)
-    return SectionBalance(finger, PlaneLaw.of(finger.material, state, "equilibrium"), 6.0, 1.0)
+    return SectionBalance(finger, PlaneLaw.of(finger.material, state, "section"), 6.0, 1.0)
 
 
 def turned(points: Tensor, angle: float) -> Tensor:
@@ -85,7 +85,7 @@ def test_the_sections_own_equilibrium_has_almost_no_residual() -> None:
     assert u.abs().max() > 0.05
     assert balance.mean_square_strain(balance.forces(u, pressure)) < 1e-20
     assert balance.mean_square_strain(balance.forces(0.5 * u, pressure)) > 1e-8
-    loss = plugin("loss", "equilibrium")(state="plane_stress")
+    loss = plugin("loss", "section")(state="plane_stress")
     scene = Scene(
         Domain(np.empty((0, 2)), np.empty((0, 3), dtype=np.int64)), 20.0, 10.0, 0.5, (0.0, 0.0), pneunet(chambers=1)
     )
@@ -115,7 +115,7 @@ def test_mean_square_strain_of_a_body_that_is_stretched() -> None:
 
 
 def test_a_finger_without_a_profile_is_told_from_none_at_all() -> None:
-    loss = plugin("loss", "equilibrium")()
+    loss = plugin("loss", "section")()
     with pytest.raises(InputError, match="a finger with a profile, but none is known; leave it out"):
         loss.check(None)
     with pytest.raises(InputError, match=r"a finger with a profile, but \w+ has none; leave it out"):

@@ -1,6 +1,7 @@
 """Contact of the outer skin with itself: derivatives, steps that end before a penetration, chambers that touch."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +14,15 @@ from pgdl_lab.core.errors import InputError
 from pgdl_lab.mechanics.collision import collision_mesh
 from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.fem import SimulationStopped
-from pgdl_lab.mechanics.finite_strain import LoadLeg
 from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.loading import LoadLeg
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.newton import NoConvergence
 from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.skin import bulge, sampled, skin
+from pgdl_lab.mechanics.term import DeadLoad, Ramp
 from pgdl_lab.studies.stability.overlap import overlaps
 from pgdl_lab.studies.verification.bodies import body
 from tests.fingers import OBSERVATION, pneunet, solid, tetrahedra
@@ -129,8 +131,8 @@ def test_derivatives_against_differences(mesh: Discretisation) -> None:
     contact, random, step = Contact(mesh, 0.1, 0.05, "on"), np.random.default_rng(0), 1e-7
     at = closed_to(mesh, 0.06, slip_mm=0.21) + 1e-3 * random.normal(size=mesh.positions.shape)
     direction = random.normal(size=at.shape)
-    here = contact.response(at, hessian=True)
-    above, below = (contact.response(at + s * direction, hessian=False) for s in (step, -step))
+    here = contact.response(at, stiffness=True)
+    above, below = (contact.response(at + s * direction, stiffness=False) for s in (step, -step))
     assert here.energy > 0
     assert (above.energy - below.energy) / (2 * step) == pytest.approx(float((here.forces * direction).sum()), rel=1e-5)
     assert here.stiffness is not None
@@ -143,7 +145,7 @@ def test_barrier_ends_at_its_reach_and_pushes_apart(mesh: Discretisation) -> Non
     contact = Contact(mesh, 0.1, 0.05, "on")
     first = mesh.positions[:, 0] < 11
     pushes = [
-        contact.response(closed_to(mesh, gap), hessian=False).forces[first, 0].sum() for gap in (0.11, 0.08, 0.02)
+        contact.response(closed_to(mesh, gap), stiffness=False).forces[first, 0].sum() for gap in (0.11, 0.08, 0.02)
     ]
     assert pushes[0] == 0 < pushes[1] < pushes[2]  # the gradient: the force on the first chamber points away
 
@@ -211,21 +213,18 @@ class Plates:
         below = self.height < -0.9
         self.tip = np.isclose(equilibrium.solid.discretisation.positions[:, 0], 10) & ~below
         free = equilibrium.free & ~below[:, None]
-        contact = equilibrium.contact
-        self.equilibrium = Equilibrium(equilibrium.solid, equilibrium.cavity, np.array([0.0, 0.0, -1.0]), free, contact)
-        self.contact = contact
+        weight = DeadLoad.weight(equilibrium.solid.discretisation, np.array([0.0, 0.0, -1.0]))
+        self.equilibrium = Equilibrium({**equilibrium.terms, "weight": weight}, free)
+        self.contact: Any = equilibrium.contact
 
     def leg(self, weight: float) -> LoadLeg:
         """From no weight to `weight` [N/mm³] as the parameter goes to 1."""
-        return LoadLeg(
-            self.equilibrium, symmetric_solver(), 1e-6, lambda w: Load(w * weight, 0.0),
-            lambda _: weight * self.equilibrium.weight,
-        )  # fmt: skip
+        return LoadLeg(self.equilibrium, symmetric_solver(), 1e-6, Ramp({"weight": weight}))
 
 
 def test_bodies_do_not_pass_each_other_within_a_step() -> None:
     plates = Plates()
-    leg, rest = plates.leg(3e-5), np.zeros_like(plates.equilibrium.weight)
+    leg, rest = plates.leg(3e-5), np.zeros(plates.equilibrium.free.shape)
     leg.solve(rest, 0.0)
     plates.contact.mode = "off"
     beyond = leg.solve(rest, 1.0).displacement

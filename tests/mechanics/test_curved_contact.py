@@ -73,7 +73,7 @@ def test_more_triangles_keep_them_apart() -> None:
     mesh = discretised(SCENES["between"])
     contact = Contact(mesh, REACH_MM, 0.05, "auto")
     deep, near = bulging(mesh, "between", 0.1), bulging(mesh, "between", -0.03)
-    assert contact.response(deep, hessian=False).energy > 0 and contact.gap_mm(near) == np.inf
+    assert contact.response(deep, stiffness=False).energy > 0 and contact.gap_mm(near) == np.inf
     contact.active = True
     assert contact.follow_more_finely() and not contact.active
     assert contact.gap_mm(near) < REACH_MM and contact.near(deep)
@@ -84,7 +84,7 @@ def test_more_triangles_keep_them_apart() -> None:
 
 def test_a_simulation_starts_again_with_more_triangles(monkeypatch: pytest.MonkeyPatch) -> None:
     model = Model(low_chamber(gravity_m_s2=[0.0, -40.0]), 0.0, "hex20", "auto")
-    contact = model.equilibrium.contact
+    contact = model.contact
     coarse = model.load(np.array([1e-3]), 1e-6, 0.1)
     monkeypatch.setattr(contact, "slips_through", lambda _: contact._divisions < 6)
     finer = model.load(np.array([1e-3]), 1e-6, 0.1)
@@ -98,7 +98,7 @@ def test_the_error_is_estimated_where_surfaces_touch() -> None:
     """By contact at the places where it acted, as the same triangles on the finer mesh."""
     model = Model(low_chamber(gravity_m_s2=[0.0, -40.0]), 0.0, "hex20", "auto")
     history = model.load(np.array([1e-3]), 1e-6, 0.1)
-    contact = model.equilibrium.contact
+    contact = model.contact
     assert contact.near(history.at(1e-3))
     error = model.discretisation_error(history)
     assert error is not None and 0.0 < error.tip_percent < 20.0

@@ -5,7 +5,6 @@ import pytest
 import skfem
 from skfem import Mesh
 
-from pgdl_lab.mechanics.contact import NoContact
 from pgdl_lab.mechanics.discretisation_error import (
     ACCURACY,
     DiscretisationError,
@@ -15,7 +14,6 @@ from pgdl_lab.mechanics.discretisation_error import (
     refined,
 )
 from pgdl_lab.mechanics.elements import ELEMENTS, discretise
-from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Yeoh
@@ -74,10 +72,10 @@ def test_estimate_is_near_the_truth() -> None:
     estimate = model.discretisation_error(history)
     assert estimate is not None
 
-    fine = model.equilibrium_on(refined(model.mesh), lambda _: NoContact())
+    fine = model.equilibrium_on(refined(model.mesh))
     displacement, solver = np.zeros(fine.free.shape), symmetric_solver()
     for kpa in (0.0, 10.0, finger.max_kpa):
-        displacement = solve(fine, solver, displacement, Load(1.0, 1e-3 * kpa), 1e-6).displacement
+        displacement = solve(fine, solver, displacement, model.amplitudes(kpa), 1e-6).displacement
     positions = fine.solid.discretisation.positions
     start = prolonged(model.discretisation, fine.solid.discretisation, history.branch.displacements[-1])
     truth = DiscretisationError.of(positions, start, displacement - start, finger.max_kpa)

@@ -8,12 +8,13 @@ import scipy.sparse as sp
 
 from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.mechanics import path
-from pgdl_lab.mechanics.contact import NoContact
-from pgdl_lab.mechanics.equilibrium import Balance, Load
-from pgdl_lab.mechanics.finite_strain import Model, unborne
+from pgdl_lab.mechanics.equilibrium import Balance
+from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.linear import SuperLU
+from pgdl_lab.mechanics.loading import unborne
 from pgdl_lab.mechanics.newton import NoConvergence, solve
 from pgdl_lab.mechanics.path import Branch
+from pgdl_lab.mechanics.term import Amplitudes
 from tests.fingers import balloon, pneunet
 
 
@@ -24,7 +25,7 @@ def model() -> Model:
 
 def test_tangent_against_differences(model: Model) -> None:
     """The whole stiffness, load stiffness included, is the derivative of the residual, and that of the energy."""
-    free, random, step, load = model.equilibrium.free, np.random.default_rng(0), 1e-6, Load(1.0, 0.03)
+    free, random, step, load = model.equilibrium.free, np.random.default_rng(0), 1e-6, {"weight": 1.0, "air": 0.03}
     at, direction = 0.02 * random.normal(size=free.shape) * free, random.normal(size=free.shape) * free
     here = model.equilibrium.balance(at, load, stiffness=True)
     above, below = (model.equilibrium.balance(at + s * direction, load, stiffness=False) for s in (step, -step))
@@ -37,7 +38,7 @@ def test_tangent_against_differences(model: Model) -> None:
 
 
 def test_newton_converges_quadratically_and_both_solvers_agree(model: Model) -> None:
-    rest, load = np.zeros(model.equilibrium.free.shape), Load(1.0, 0.005)
+    rest, load = np.zeros(model.equilibrium.free.shape), {"weight": 1.0, "air": 0.005}
     loose, closer = (solve(model.equilibrium, model.solver, rest, load, tolerance) for tolerance in (1e-2, 1e-4))
     tight = solve(model.equilibrium, SuperLU(), rest, load, 1e-10)
     assert np.abs(loose.displacement - tight.displacement).max() < 1e-3
@@ -54,7 +55,7 @@ def test_newton_does_not_end_with_a_step_that_was_damped() -> None:
     class Cone:
         free = np.array([[True, False, False]])
 
-        def balance(self, displacement: np.ndarray, load: Load, *, stiffness: bool) -> Balance:
+        def balance(self, displacement: np.ndarray, amplitudes: Amplitudes, *, stiffness: bool) -> Balance:
             x, a = displacement[0, 0], 0.01
             root = np.hypot(a, x)
             return Balance(a * root, np.array([[a * x / root, 0, 0]]), sp.csr_matrix([[a**3 / root**3]]))
@@ -63,7 +64,7 @@ def test_newton_does_not_end_with_a_step_that_was_damped() -> None:
             return 1.0
 
     cone: Any = Cone()
-    found = solve(cone, SuperLU(), np.array([[-0.029158, 0, 0]]), Load(0.0, 0.0), 0.05)
+    found = solve(cone, SuperLU(), np.array([[-0.029158, 0, 0]]), {}, 0.05)
     assert abs(found.displacement[0, 0]) < 1e-3  # a damped last step left 2.8e-3 mm
 
 
@@ -81,7 +82,7 @@ def test_solver_is_closed_when_a_finger_does_not_bear_its_weight(monkeypatch: py
 def test_newton_gives_up_beyond_the_bursting_pressure() -> None:
     model = Model(balloon(), 6.0, "hex20")
     with pytest.raises(NoConvergence):
-        solve(model.equilibrium, model.solver, np.zeros(model.equilibrium.free.shape), Load(1.0, 0.3), 1e-6)
+        solve(model.equilibrium, model.solver, np.zeros(model.equilibrium.free.shape), model.amplitudes(300.0), 1e-6)
 
 
 def test_interpolated_snapshots_against_equilibria(model: Model) -> None:
@@ -89,7 +90,7 @@ def test_interpolated_snapshots_against_equilibria(model: Model) -> None:
     history = model.load(pressures, 1e-8, 1e-5)
     assert history.complete and history.interpolation_mm <= 1e-5
     for kpa in pressures:
-        exact = solve(model.equilibrium, model.solver, history.at(kpa), Load(1.0, 1e-3 * kpa), 1e-8).displacement
+        exact = solve(model.equilibrium, model.solver, history.at(kpa), model.amplitudes(kpa), 1e-8).displacement
         assert np.abs(history.at(kpa) - exact).max() <= 1e-5
 
 
@@ -98,9 +99,9 @@ def test_bound_of_snapshots_holds_where_surfaces_meet() -> None:
     model = Model(pneunet(wall_mm=1.5, side_wall_mm=1.5, gap_mm=0.4, max_kpa=14.0), 6.0, "hex20", "auto")
     pressures = np.linspace(0.14, 14.0, 100)
     history = model.load(pressures, 1e-6, 1e-5)
-    assert model.equilibrium.contact.active and history.interpolation_mm <= 1e-5
+    assert model.contact.active and history.interpolation_mm <= 1e-5
     for kpa in pressures[pressures > 9]:
-        exact = solve(model.equilibrium, model.solver, history.at(kpa), Load(1.0, 1e-3 * kpa), 1e-8).displacement
+        exact = solve(model.equilibrium, model.solver, history.at(kpa), model.amplitudes(kpa), 1e-8).displacement
         assert np.abs(history.at(kpa) - exact).max() <= 1e-5
 
 
@@ -149,16 +150,20 @@ def test_half_a_finger_cannot_be_pulled_across() -> None:
     model = Model(pneunet(), 6.0, "hex20")
     model.finger = finger
     with pytest.raises(InputError, match="mesh the whole finger"):
-        model.equilibrium_on(model.mesh, lambda _: NoContact())
+        model.equilibrium_on(model.mesh)
 
 
 def test_a_path_of_the_weight_that_ends_tells_what_happened() -> None:
     """Slopes that grow without bound mean a limit of the body, others that Newton's method found no further one."""
     at = [0.4, 0.4999, 0.5]
     turning = Branch(at, [np.zeros((1, 3))] * 3, [np.full((1, 3), (0.50005 - p) ** -0.5) for p in at])
-    assert unborne(turning).startswith("The finger bears only 50.00% of its weight")
+    weight = {"weight": 1.0}
+    assert unborne(turning, weight).startswith("The finger bears only 50.00% of its weight")
+    assert unborne(turning, {**weight, "tip": 1.0}).startswith(
+        "The finger bears only 50.00% of its loads (weight, tip)"
+    )
     thrown = Branch([0.0, 0.02], [np.zeros((1, 3))] * 2, [np.ones((1, 3))] * 2)
-    assert "no equilibrium beyond 2.00% of the finger's weight" in unborne(thrown)
+    assert "no equilibrium beyond 2.00% of the finger's weight" in unborne(thrown, weight)
 
 
 def test_weight_that_cannot_be_borne_is_named() -> None:
@@ -186,7 +191,7 @@ def test_linear_sag_of_the_reference_finger(element: str, sag_mm: float) -> None
     """Deflection of the tip per unit of gravity in a linear solve with one element across each wall."""
     model = Model(pneunet(chambers=10), 3.0, element)
     rest = np.zeros(model.equilibrium.free.shape)
-    balance = model.equilibrium.balance(rest, Load(1.0, 0.0), stiffness=True)
+    balance = model.equilibrium.balance(rest, model.amplitudes(0.0), stiffness=True)
     model.solver.factorise(balance.stiffness)
     rest[model.equilibrium.free] = -model.solver.solve(balance.forces[model.equilibrium.free])
     assert rest[:, 2].min() == pytest.approx(sag_mm, abs=0.06)

@@ -116,8 +116,8 @@ def test_derivatives_against_differences(element: str) -> None:
     direction = random.normal(size=mesh.positions.shape)
     for half_gap, chamber in ((0.02, 2.0), (0.2, 0.05), (0.02, 0.05)):  # the plane, the chamber, both
         at = squeezed(mesh, half_gap, chamber, slip_mm=0.21) + 1e-3 * random.normal(size=mesh.positions.shape)
-        here = contact.response(at, hessian=True)
-        above, below = (contact.response(at + s * direction, hessian=False) for s in (step, -step))
+        here = contact.response(at, stiffness=True)
+        above, below = (contact.response(at + s * direction, stiffness=False) for s in (step, -step))
         assert here.energy > 0 and here.stiffness is not None
         slope = (above.energy - below.energy) / (2 * step)
         assert slope == pytest.approx(float((here.forces * direction).sum()), rel=1e-5)
@@ -135,7 +135,7 @@ def test_pressure_of_the_mirror_image_is_that_of_the_barrier() -> None:
     elements = discretise(mesh, ELEMENTS["hex27_p1"])
     away = np.where(elements.positions[:, [0]] < 3, [0.0, 1.0, 0.0], 0.0)
     apart = replace(elements, positions=elements.positions + away)
-    forces = Contact(apart, reach, scale, "on", cut=("symmetry", "others")).response(-away, hessian=False).forces
+    forces = Contact(apart, reach, scale, "on", cut=("symmetry", "others")).response(-away, stiffness=False).forces
     gap, square = 2 * half_gap, (2 * half_gap / reach) ** 2
     pressure = scale * (2 * reach / gap * (square - 1) ** 2 + 4 * gap / reach * (square - 1) * np.log(square))
     np.testing.assert_allclose(forces.sum(axis=0), [0.0, -2 * 8 * pressure, 0.0], rtol=1e-9, atol=1e-9)
@@ -150,7 +150,8 @@ def test_motions_that_break_the_symmetry_leave_the_gap_to_the_mirror_image() -> 
         same = cKDTree(half.positions).query(np.abs(mesh.positions))[1]
         side = np.where(mesh.positions[:, [1]] < 0, [1.0, -1.0, 1.0], 1.0)
         contact = Contact(mesh, 0.05, 0.05, "on")
-        touching = contact.response(side * squeezed(half, 0.02, 2.0)[same], hessian=True, mirror=mirror)
+        at = side * squeezed(half, 0.02, 2.0)[same]
+        touching = contact.response(at, stiffness=True) if mirror else contact.sideways(at)
         aside = np.tile([0.0, 1.0, 0.0], len(mesh.positions))
         assert touching.stiffness is not None
         stiff[whole, mirror] = float(aside @ (touching.stiffness @ aside))
@@ -204,7 +205,7 @@ def test_a_ceiling_rests_on_the_floor_of_its_chamber() -> None:
         report = model.contact_report(history)
         assert report["acted"] == (contact == "auto") and bool(report["penetration_kpa"]) == (contact == "off")
         if contact == "auto":
-            forces = model.equilibrium.contact.response(displacement, hessian=False).forces
+            forces = model.contact.response(displacement, stiffness=False).forces
             below = at[:, 2] < 6.4
             assert forces[below, 2].sum() > 1e-6  # the gradient: the ceiling pushes the floor down
             np.testing.assert_allclose(forces.sum(axis=0), 0, atol=1e-9)
@@ -234,7 +235,7 @@ def test_both_sides_of_a_thin_wall_are_no_contact(element: str) -> None:
     mesh = plate(0.04, element)
     contact = Contact(mesh, 0.05, 0.05, "on")
     thinner = -0.5 * mesh.positions * [0.0, 0.0, 1.0]
-    assert not contact.near(thinner) and contact.response(thinner, hessian=False).energy == 0
+    assert not contact.near(thinner) and contact.response(thinner, stiffness=False).energy == 0
     # Rolled up, it meets itself as any other.
     angle = mesh.positions[:, 0] * 2 * np.pi / 10.02
     radius = 10.02 / (2 * np.pi) - mesh.positions[:, 2]
@@ -249,7 +250,7 @@ def test_chambers_with_a_thin_wall_between_them_do_not_meet_through_it() -> None
     assert [len(faces) for faces in skin(mesh)[1:]] == [5, 5]
     contact = Contact(mesh, 0.05, 0.05, "on")
     thinner = np.where(mesh.positions[:, [0]] > 6.02, [-0.02, 0.0, 0.0], 0.0)
-    assert not contact.near(thinner) and contact.response(thinner, hessian=False).energy == 0
+    assert not contact.near(thinner) and contact.response(thinner, stiffness=False).energy == 0
 
 
 def test_surfaces_that_touch_at_rest_are_refused_with_what_helps() -> None:

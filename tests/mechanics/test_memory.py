@@ -20,12 +20,12 @@ from tests.fingers import OBSERVATION, pneunet, solid, tetrahedra
 MEASURED = r"""
 import re, numpy as np
 from pathlib import Path
-from pgdl_lab.mechanics.finite_strain import Load, Model
+from pgdl_lab.mechanics.finite_strain import Model
 from tests.fingers import pneunet
 model = Model(pneunet(chambers=2), 2.5, "hex27_p1", "auto")
 rest = np.zeros_like(model.discretisation.positions)
 for _ in range(2):
-    model.solver.factorise(model.equilibrium.balance(rest, Load(1.0, 0.0), stiffness=True).stiffness)
+    model.solver.factorise(model.equilibrium.balance(rest, model.amplitudes(0.0), stiffness=True).stiffness)
 print(1024 * int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]))
 """
 

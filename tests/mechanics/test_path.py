@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pgdl_lab.mechanics.hermite import hermite
 from pgdl_lab.mechanics.newton import NoConvergence, Solution
 from pgdl_lab.mechanics.path import SMALLEST_INTERVAL, Branch, PathEnded, follow, refine
 
@@ -16,9 +15,10 @@ Array = NDArray[np.float64]
 def test_hermite_is_exact_for_its_degree() -> None:
     polynomial = np.polynomial.Polynomial([1, -2, 3, 0.5, -1, 0.25, 2, -0.7])  # degree 7 = 2 · 4 − 1
     nodes = [0.0, 0.7, 1.1, 2.0]
-    values, slopes = ([np.array([f(x)]) for x in nodes] for f in (polynomial, polynomial.deriv()))
+    values, slopes = ([np.array([[f(x)]]) for x in nodes] for f in (polynomial, polynomial.deriv()))
+    branch = Branch(nodes, values, slopes)
     for at in (-0.3, 0.35, 1.5, 2.6):
-        assert hermite(nodes, values, slopes, at)[0] == pytest.approx(polynomial(at), rel=1e-10)
+        assert branch.at(at)[0, 0] == pytest.approx(polynomial(at), rel=1e-10)
 
 
 @dataclass

@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load, nodal_volumes
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.finite_strain import Model
 from pgdl_lab.mechanics.leaning import Leaning
 from tests.fingers import OBSERVATION, pneunet, solid
@@ -29,7 +29,7 @@ def test_the_stiffness_is_that_of_the_whole_for_antisymmetric_motions() -> None:
     half = Model(pneunet(), 6.0, "hex27_p1").equilibrium
     whole = Model(pneunet(gravity_m_s2=[0.0, 1e-9, -9.81]), 6.0, "hex27_p1").equilibrium
     right, left = halves(half, whole)
-    rng, load = np.random.default_rng(0), Load(1.0, 0.03)
+    rng, load = np.random.default_rng(0), {"weight": 1.0, "air": 0.03}
     assert half.sideways is not None and whole.sideways is None
     state, motion = (
         0.05 * rng.normal(size=half.free.shape) * half.free,
@@ -67,7 +67,7 @@ def test_a_slender_finger_gives_way_sideways_and_says_so(caplog: pytest.LogCaptu
     right, left = halves(half.equilibrium, whole.equilibrium)
     displacement = np.zeros(whole.equilibrium.free.shape)
     displacement[right], displacement[left] = bent, bent * [1, -1, 1]
-    load = Load(1.0, 0.0005)
+    load = {"weight": 1.0, "air": 0.0005}
     counts = []
     for stiffness in (
         whole.equilibrium.balance(displacement, load, stiffness=True).stiffness,
@@ -104,8 +104,8 @@ def test_the_whole_is_pushed_along_the_mode_that_gives_way(monkeypatch: pytest.M
     """The mode against SciPy's lowest eigenvector; and what begins to lean is no mirror image of itself."""
     half = Model(pneunet(**SLENDER, gravity_m_s2=HEAVY), 12.0, "hex27_p1")
     whole = Model(pneunet(**SLENDER, gravity_m_s2=[0.0, 1e-9, HEAVY[1]]), 12.0, "hex27_p1")
-    bent, load = half.load(np.array([0.5]), 1e-8, 1e-3).at(0.5), Load(1.0, 0.0005)
-    leaning, begun = Leaning(half.equilibrium, whole.equilibrium), []
+    bent, load = half.load(np.array([0.5]), 1e-8, 1e-3).at(0.5), {"weight": 1.0, "air": 0.0005}
+    leaning, begun = Leaning(half.equilibrium, whole.equilibrium, half.finger.schedules()[1]), []
 
     def begins(_: object, solver: object, at: np.ndarray, *__: object) -> tuple[np.ndarray, bool]:
         begun.append(at)
@@ -122,7 +122,7 @@ def test_the_whole_is_pushed_along_the_mode_that_gives_way(monkeypatch: pytest.M
     free = half.equilibrium.sideways
     upper = half.equilibrium.sideways_stiffness(bent, load).toarray()
     stiffness = upper + upper.T - np.diag(upper.diagonal())
-    mass = np.repeat(nodal_volumes(half.equilibrium.solid.discretisation), 3).reshape(-1, 3)[free]
+    mass = np.repeat(half.discretisation.nodal_volumes(), 3).reshape(-1, 3)[free]
     values, ways = scipy.linalg.eigh(stiffness, np.diag(mass), subset_by_index=[0, 1])
     lowest = ways[:, 0]
     assert values[0] < 0

@@ -102,10 +102,10 @@ def test_what_a_closed_form_cannot_use_is_refused_or_told(
         assert isinstance(surrogate, Surrogate)
         return surrogate
 
-    for physics in ("navier_cauchy", "equilibrium"):
+    for physics in ("navier_cauchy", "section"):
         with pytest.raises(InputError, match=f"model={name} is .*cannot take in loss {physics}; leave it out"):
             fitted({"data": {}, physics: {"weight": 1e6}})
-    for nothing in ({"boundary": {}}, {"equilibrium": {}}, {"data": {"weight": 0.0}, "boundary": {}}):
+    for nothing in ({"boundary": {}}, {"section": {}}, {"data": {"weight": 0.0}, "boundary": {}}):
         with pytest.raises(InputError, match=rf"loss=\[{','.join(nothing)}\] does not count them: add data"):
             fitted(nothing)
     fitted({"data": {}, "navier_cauchy": {"weight": 0.0}})

@@ -11,7 +11,7 @@ from pgdl_lab.assessment.residuals import residuals
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.inputs import Cases
-from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.registry import discover, names, plugin
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.jet import Jet
 from pgdl_lab.learning.scene import Scene
@@ -151,13 +151,13 @@ def test_yeoh_and_traction_are_the_means_of_their_squares() -> None:
 @pytest.mark.parametrize(
     "fields", [{"edge_mm": 0.0}, {"edge_mm": np.inf}, {"side_wall_share": 0.0}, {"side_wall_share": 1.01}]
 )
-def test_equilibrium_refuses_nonsense(fields: dict[str, Any]) -> None:
-    plugin("loss", "equilibrium")(edge_mm=0.5, side_wall_share=1.0)
+def test_section_refuses_nonsense(fields: dict[str, Any]) -> None:
+    plugin("loss", "section")(edge_mm=0.5, side_wall_share=1.0)
     with pytest.raises(InputError, match=next(iter(fields))):
-        plugin("loss", "equilibrium")(**fields)
+        plugin("loss", "section")(**fields)
 
 
-@pytest.mark.parametrize("name", ["yeoh", "traction", "equilibrium"])
+@pytest.mark.parametrize("name", ["yeoh", "traction", "section"])
 @pytest.mark.parametrize("model", ["mlp", "body"])
 def test_physics_trains_the_whole_field(name: str, model: str, tmp_path: Path) -> None:
     whole = training(tmp_path, {name: {"weight": 1.0}})
@@ -175,7 +175,7 @@ def test_residuals_of_the_truth_are_the_floor() -> None:
     points = body.domain.points_mm[None]
     bent = 0.02 * points * points[..., ::-1] / 17
     snapshots = Dataset.path(body.domain, np.array([20.0]), bent)
-    losses = {name: plugin("loss", name)() for name in ("data", "boundary", "navier_cauchy", "yeoh", "equilibrium")}
+    losses = {name: plugin("loss", name)() for name in ("data", "boundary", "navier_cauchy", "yeoh", "section")}
     same = residuals(losses, body, snapshots, bent, np.array([0]))
     other = residuals(losses, body, snapshots, 0 * bent, np.array([0]))
     assert same["data"]["fem"] == 0 and other["data"]["surrogate"] > 0
@@ -184,7 +184,7 @@ def test_residuals_of_the_truth_are_the_floor() -> None:
         assert other[name]["surrogate"] == other[name]["rest"]
 
 
-@pytest.mark.parametrize("name", ["yeoh", "traction", "equilibrium"])
+@pytest.mark.parametrize("name", ["yeoh", "traction", "section"])
 def test_physics_refuses_what_it_cannot_do(name: str) -> None:
     with pytest.raises(InputError, match=r"plane_stres.*choose one of"):
         plugin("loss", name)(state="plane_stres")
@@ -195,9 +195,15 @@ def test_physics_refuses_what_it_cannot_do(name: str) -> None:
         loss.check(pneunet(material=plugin("material", "ogden")()))
 
 
-@pytest.mark.parametrize("name", ["navier_cauchy", "yeoh", "traction", "equilibrium"])
+@pytest.mark.parametrize("name", ["navier_cauchy", "yeoh", "traction", "section"])
 def test_physics_of_the_plane_refuses_gravity_across_it(name: str) -> None:
     loss = plugin("loss", name)()
     loss.check(pneunet(gravity_m_s2=[1.0, 0.0, -9.81]))
     with pytest.raises(InputError, match=rf"Loss {name} balances .*part along y.*leave this loss out"):
         loss.check(pneunet(gravity_m_s2=[0.0, 9.81, 0.0]))
+
+
+@pytest.mark.parametrize("name", names("loss"))
+def test_every_loss_says_where_its_minimum_lies(name: str) -> None:
+    """At the simulated displacement or elsewhere: who weights it must know where it pulls to."""
+    assert "minimum" in str(plugin("loss", name).__doc__)

@@ -13,7 +13,7 @@ from pgdl_lab.core.observation import Observation
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.finger_rod import FingerRod
-from pgdl_lab.mechanics.finite_strain import Model
+from pgdl_lab.mechanics.reduced import ReducedModel
 from pgdl_lab.mechanics.section import STATES, PlaneFinger
 from tests.fingers import OBSERVATION, pneunet, solid
 
@@ -114,10 +114,11 @@ def test_rod_side_face_has_no_steps_between_segments() -> None:
 
 def test_section_keeps_its_weight_whatever_its_side_walls_bear() -> None:
     finger: Any = pneunet()
-    whole, soft = (plane(finger, share).equilibrium for share in (1.0, 0.01))
-    np.testing.assert_allclose(whole.weight, soft.weight)
-    volume = plane(finger, 1.0).equilibrium.solid.discretisation.weights.sum()
-    np.testing.assert_allclose(whole.weight.sum(axis=0), [0, 0, -1130e-12 * 9810 * volume])
+    models = [plane(finger, share).equilibrium for share in (1.0, 0.01)]
+    whole, soft = (each.drive(np.zeros(each.free.shape), {"weight": 1.0}) for each in models)
+    np.testing.assert_allclose(whole, soft)
+    volume = models[0].solid.discretisation.weights.sum()
+    np.testing.assert_allclose(whole.sum(axis=0), [0, 0, -1130e-12 * 9810 * volume])
 
 
 def test_air_pushes_only_against_its_boundary() -> None:
@@ -125,11 +126,11 @@ def test_air_pushes_only_against_its_boundary() -> None:
     finger: Any = pneunet(chambers=1)
     equilibrium = plane(finger, 1.0).equilibrium
     positions = equilibrium.solid.discretisation.positions
-    air = equilibrium.cavity.response(np.zeros_like(positions), hessian=False)
-    np.testing.assert_allclose(air.volume, 4.5 * 11 * 10)  # one chamber, channel and all: 4.5 by 11 by 10 mm
+    (volume,) = equilibrium.volumes_mm3(np.zeros_like(positions)).values()
+    np.testing.assert_allclose(volume, 4.5 * 11 * 10)  # one chamber, channel and all: 4.5 by 11 by 10 mm
     turned = positions @ np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]]) - positions
-    np.testing.assert_allclose(equilibrium.cavity.response(turned, hessian=False).volume, air.volume)
-    forces = equilibrium.pressure_forces(np.zeros_like(positions))
+    np.testing.assert_allclose(equilibrium.volumes_mm3(turned)["air"], volume)
+    forces = equilibrium.drive(np.zeros_like(positions), {"air": 1.0})
     x, _, z = positions.T
     inside = (x > 3) & (x < 7.5) & (z > 3) & (z < 14)
     assert inside.any() and np.abs(forces[inside]).max() < 1e-9
@@ -160,8 +161,10 @@ def test_impossible_models_are_refused(name: str, fields: dict[str, Any], senten
 
 
 def test_what_converged_before_a_failure_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    load = Model.load
-    monkeypatch.setattr(Model, "load", lambda self, kpa, *rest: replace(load(self, kpa / 2, *rest), complete=False))
+    load = ReducedModel.load
+    monkeypatch.setattr(
+        ReducedModel, "load", lambda self, kpa, *rest: replace(load(self, kpa / 2, *rest), complete=False)
+    )
     with pytest.raises(
         SimulationStopped, match=r"up to 10 kPa, .*finger.max_kpa=20: 5 of 10 .*choose fem=solid"
     ) as stop:

@@ -16,7 +16,7 @@ import numpy as np
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.observation import Observation
 from pgdl_lab.core.registry import field_names, names, plugin
-from pgdl_lab.mechanics import calculix_deck, finite_strain, path
+from pgdl_lab.mechanics import calculix_deck, loading, path
 from pgdl_lab.mechanics.fem import Fem
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.material import Yeoh
@@ -239,7 +239,7 @@ def _steps(count: int) -> Iterator[None]:
     """Begin with pressure steps of 1/count of the path, and take none larger; CalculiX sizes the later ones itself."""
     with ExitStack() as stack:
         stack.enter_context(_set(calculix_deck, "FIRST_PRESSURE", 1 / count))
-        stack.enter_context(_set(finite_strain, "FIRST_PRESSURE", 1 / count))
+        stack.enter_context(_set(loading, "FIRST_PRESSURE", 1 / count))
         stack.enter_context(_set(path, "LARGEST_STEP", 1 / count))
         yield
 
@@ -247,14 +247,14 @@ def _steps(count: int) -> Iterator[None]:
 @contextmanager
 def _misled(stretch: float, size_mm: float) -> Iterator[None]:
     """Let Newton's method start `stretch` times as far from the nearest equilibrium and up to `size_mm` off."""
-    rng, solve = np.random.default_rng(0), finite_strain.LoadLeg.solve
+    rng, solve = np.random.default_rng(0), loading.LoadLeg.solve
 
-    def misled(leg: finite_strain.LoadLeg, start: Any, parameter: float) -> Any:
+    def misled(leg: loading.LoadLeg, start: Any, parameter: float) -> Any:
         if leg._found:  # nothing was predicted before
             before = leg._found[min(leg._found, key=lambda known: abs(known - parameter))]
             off = size_mm * rng.uniform(-1, 1, start.shape) * leg.equilibrium.free
             start = before + stretch * (start - before) + off
         return solve(leg, start, parameter)
 
-    with _set(finite_strain.LoadLeg, "solve", misled):
+    with _set(loading.LoadLeg, "solve", misled):
         yield

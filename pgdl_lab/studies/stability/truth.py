@@ -52,7 +52,7 @@ class State:
     @property
     def touches(self) -> bool:
         """Whether surfaces are within reach of each other."""
-        contact = self.model.equilibrium.contact
+        contact = self.model.contact
         return bool(contact.active and contact.near(self.displacement))
 
     @property

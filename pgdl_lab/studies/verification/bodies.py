@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.cavity import Cavity
-from pgdl_lab.mechanics.contact import Contact, NoContact
+from pgdl_lab.mechanics.contact import Contact
 from pgdl_lab.mechanics.elements import ELEMENTS, Discretisation, discretise
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
-from pgdl_lab.mechanics.finite_strain import LoadLeg
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.linear import symmetric_solver
+from pgdl_lab.mechanics.loading import LoadLeg
 from pgdl_lab.mechanics.material import Material
 from pgdl_lab.mechanics.newton import solve
 from pgdl_lab.mechanics.path import Branch, follow
 from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.mechanics.term import Amplitudes, DeadLoad, Schedule, Term
 
 if TYPE_CHECKING:
     from skfem import Mesh, MeshHex, MeshHex2
@@ -60,7 +61,7 @@ def body(
     contact: Callable[[Discretisation], Contact] | None = None,
     sideways: Mapping[str, str] | None = None,
 ) -> Equilibrium:
-    """Equilibrium of `mesh` without weight; pressure acts on its boundary `cavity` if it has one.
+    """What balances in `mesh`; on its boundary `cavity`, if it has one, acts the load "air".
 
     Parameters
     ----------
@@ -77,8 +78,6 @@ def body(
     sideways
         As `held`, for motions that break a symmetry of the body; None: it has none.
     """
-    if "cavity" not in mesh.boundaries:  # any facet will do, no pressure acts
-        mesh = mesh.with_boundaries({**mesh.boundaries, "cavity": mesh.boundary_facets()[:1]})
     discretisation = discretise(mesh, ELEMENTS[element])
 
     def free_but(held: Mapping[str, str]) -> NDArray[np.bool_]:
@@ -89,35 +88,29 @@ def body(
                 free[nodes, "xyz".index(component)] = False
         return free
 
-    return Equilibrium(
-        Solid(discretisation, material),
-        Cavity(discretisation.basis),
-        np.zeros(3),
-        free_but(held),
-        contact(discretisation) if contact else NoContact(),
-        None if sideways is None else free_but(sideways),
-    )
+    terms: dict[str, Term] = {"solid": Solid(discretisation, material)}
+    if "cavity" in mesh.boundaries:
+        terms["air"] = Cavity(discretisation.basis)
+    if contact:
+        terms["contact"] = contact(discretisation)
+    return Equilibrium(terms, free_but(held), None if sideways is None else free_but(sideways))
 
 
-def settle(equilibrium: Equilibrium, start: Array, pressure_mpa: float = 0.0) -> Array:
+def settle(equilibrium: Equilibrium, start: Array, amplitudes: Amplitudes | None = None) -> Array:
     """Equilibrium displacement (N, 3) [mm] from `start`, whose values at held degrees of freedom stay."""
     solver = symmetric_solver()
     try:
-        return solve(equilibrium, solver, start, Load(1.0, pressure_mpa), NEWTON_MM).displacement
+        return solve(equilibrium, solver, start, amplitudes or {}, NEWTON_MM).displacement
     finally:
         solver.close()
 
 
-def raise_load(equilibrium: Equilibrium, load: Callable[[float], Load], stop: float, first_step: float) -> Branch:
-    """Equilibria from rest as the parameter of `load` rises to `stop`; the load is linear in it."""
-    solver, slope = symmetric_solver(), load(1.0)
-
-    def driver(displacement: Array) -> Array:
-        return slope.weight * equilibrium.weight + slope.pressure_mpa * equilibrium.pressure_forces(displacement)
-
-    leg = LoadLeg(equilibrium, solver, NEWTON_MM, load, driver)
+def raise_load(equilibrium: Equilibrium, schedule: Schedule, stop: float, first_step: float) -> Branch:
+    """Equilibria from rest as loads follow `schedule` until its parameter is `stop`."""
+    solver = symmetric_solver()
     try:
-        return follow(leg, np.zeros_like(equilibrium.weight), stop, first_step, lambda _: None)
+        leg = LoadLeg(equilibrium, solver, NEWTON_MM, schedule)
+        return follow(leg, np.zeros(equilibrium.free.shape), stop, first_step, lambda _: None)
     finally:
         solver.close()
 
@@ -127,16 +120,14 @@ def nodes_on(equilibrium: Equilibrium, boundary: str) -> NDArray[np.int64]:
     return np.asarray(equilibrium.solid.discretisation.basis.get_dofs(boundary).all(), dtype=np.int64)
 
 
-def nodal_areas(equilibrium: Equilibrium, boundary: str) -> Array:
-    """Integral of each shape function over a named boundary of the undeformed body (N,) [mm²]."""
-    import skfem
-
-    basis = equilibrium.solid.discretisation.basis
-    facets = skfem.FacetBasis(basis.mesh, basis.elem, facets=boundary, intorder=basis.elem.maxdeg)
-    areas: Array = skfem.LinearForm(lambda v, _: 1.0 * v).assemble(facets)
-    return areas
+def pulled(equilibrium: Equilibrium, boundary: str, traction_mpa: tuple[float, float, float]) -> Equilibrium:
+    """`equilibrium` with the dead load "pull" (3,) on each undeformed area of a named boundary [MPa]."""
+    body = equilibrium.solid.discretisation
+    return equilibrium.with_terms(pull=DeadLoad.traction(body, boundary, np.array(traction_mpa)))
 
 
-def reaction(equilibrium: Equilibrium, displacement: Array, load: Load, nodes: NDArray[np.int64]) -> Array:
+def reaction(
+    equilibrium: Equilibrium, displacement: Array, nodes: NDArray[np.int64], amplitudes: Amplitudes | None = None
+) -> Array:
     """Sum of the forces (3,) [N] that supports exert on `nodes`."""
-    return equilibrium.balance(displacement, load, stiffness=False).forces[nodes].sum(axis=0)
+    return equilibrium.balance(displacement, amplitudes or {}, stiffness=False).forces[nodes].sum(axis=0)

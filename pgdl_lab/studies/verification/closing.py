@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from skfem import MeshHex, MeshHex2
 
 from pgdl_lab.mechanics.contact import Contact
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load, nodal_volumes
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.term import DeadLoad, Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
 from pgdl_lab.studies.verification.bodies import body, curved, nodes_on, raise_load, reaction, settle
 
@@ -20,6 +21,7 @@ GAP_MM, REACH_MM = 1.0, 0.02
 ROUNDING_MM = 0.05  # how far the middle of an end stands out
 CELLS = 12  # along half of the C
 PULL_N_MM3 = 2.5e-6  # of each half towards the other
+PULL = Ramp({"pull": 1.0})
 
 
 def c_shape(stop: float) -> MeshHex2:
@@ -41,10 +43,10 @@ def c_shape(stop: float) -> MeshHex2:
 
 
 def pulled(equilibrium: Equilibrium) -> Equilibrium:
-    """`equilibrium` with dead loads that pull each half towards the other."""
-    side = np.sign(equilibrium.solid.discretisation.positions[:, [1]].round(9))
-    equilibrium.weight = -side * nodal_volumes(equilibrium.solid.discretisation)[:, None] * [0.0, PULL_N_MM3, 0.0]
-    return equilibrium
+    """`equilibrium` with the dead load "pull" of each half towards the other."""
+    mesh = equilibrium.solid.discretisation
+    side = np.sign(mesh.positions[:, [1]].round(9))
+    return equilibrium.with_terms(pull=DeadLoad(-side * mesh.nodal_volumes()[:, None] * [0.0, PULL_N_MM3, 0.0]))
 
 
 @benchmark("C closing on itself", quick=False)
@@ -58,9 +60,10 @@ def closing(quick: bool) -> Iterator[Check]:
     make = partial(Contact, reach_mm=REACH_MM, stiffness_mpa=material.shear_modulus_mpa / 40, mode="on")
     clamped, cut = {"back": "xy", "body": "z"}, {"symmetry": "y"}
     whole = pulled(body(c_shape(1.0), "hex27_p1", material, clamped, make))
-    found = raise_load(whole, lambda share: Load(share, 0.0), 1.0, 0.1).displacements[-1]
+    found = raise_load(whole, PULL, 1.0, 0.1).displacements[-1]
     contact, at = whole.contact, whole.solid.discretisation.positions
-    pushes = contact.response(found, hessian=False).forces[:, 1]
+    assert contact is not None
+    pushes = contact.response(found, stiffness=False).forces[:, 1]
 
     half = pulled(body(c_shape(0.5), "hex27_p1", material, clamped | cut))
     positions = half.solid.discretisation.positions
@@ -71,9 +74,9 @@ def closing(quick: bool) -> Iterator[Check]:
     guess[end, 1] = contact.gap_mm(found) / 2 - positions[end, 1]
     free = half.free.copy()
     free[end, 1] = False
-    held = pulled(Equilibrium(half.solid, half.cavity, np.zeros(3), free, half.contact))
-    expected = settle(held, guess)
-    force = float(reaction(held, expected, Load(1.0, 0.0), end)[1])
+    held = Equilibrium(half.terms, free)
+    expected = settle(held, guess, PULL.at(1.0))
+    force = float(reaction(held, expected, end, PULL.at(1.0))[1])
     push = -float(pushes[at[:, 1] > 0].sum())
     source = "half of it, held in the plane of symmetry"
     yield Check("force between the ends [N/mm]", force / DEPTH_MM, push / DEPTH_MM, 0.02 * force / DEPTH_MM, source)
@@ -85,7 +88,7 @@ def closing(quick: bool) -> Iterator[Check]:
     )
 
     mirrored = pulled(body(c_shape(0.5), "hex27_p1", material, clamped | cut, make))
-    reflected = raise_load(mirrored, lambda share: Load(share, 0.0), 1.0, 0.1).displacements[-1]
-    push = -float(mirrored.contact.response(reflected, hessian=False).forces[:, 1].sum())
+    reflected = raise_load(mirrored, PULL, 1.0, 0.1).displacements[-1]
+    push = -float(mirrored.terms["contact"].response(reflected, stiffness=False).forces[:, 1].sum())
     yield Check("force on the mirror image [N/mm]", force / DEPTH_MM, push / DEPTH_MM, 0.02 * force / DEPTH_MM, source)
     yield Check("descent of the top of the half [mm]", sinks, -float(reflected[top, 1]), 0.02 * sinks, source)

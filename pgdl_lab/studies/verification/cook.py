@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 from skfem import MeshHex
 
-from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.term import Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
-from pgdl_lab.studies.verification.bodies import body, nodal_areas, raise_load
+from pgdl_lab.studies.verification.bodies import body, pulled, raise_load
 
 SHEAR_MODULUS_MPA, BULK_MODULUS_MPA = 80.1938, 40.0942e4
 FORCE_N_MM = 100.0  # per thickness
@@ -37,10 +37,10 @@ def linear(quick: bool) -> Iterator[Check]:
     """
     poisson, thickness = 1 / 3, 1.0
     material = Yeoh(c1_mpa=1 / (4 * (1 + poisson)), c2_mpa=0.0, poisson=poisson)
-    equilibrium = body(panel(8 if quick else 16, thickness), "hex27_p1", material, {"left": "xy", "face": "z"})
-    equilibrium.weight[:, 1] = nodal_areas(equilibrium, "right") / 16  # a force of 1 N per mm of thickness
+    held = body(panel(8 if quick else 16, thickness), "hex27_p1", material, {"left": "xy", "face": "z"})
+    equilibrium = pulled(held, "right", (0.0, 1 / 16, 0.0))  # a force of 1 N per mm of thickness
     free, solver = equilibrium.free, symmetric_solver()
-    balance = equilibrium.balance(np.zeros(free.shape), Load(1.0, 0.0), stiffness=True)
+    balance = equilibrium.balance(np.zeros(free.shape), {"pull": 1.0}, stiffness=True)
     solver.factorise(balance.stiffness)
     displacement = np.zeros(free.shape)
     displacement[free] = solver.solve(-balance.forces[free])
@@ -60,9 +60,8 @@ def membrane(quick: bool) -> Iterator[Check]:
     ratio = BULK_MODULUS_MPA / SHEAR_MODULUS_MPA
     material = Yeoh(SHEAR_MODULUS_MPA / 2, 0.0, 0.0, poisson=(3 * ratio - 2) / (6 * ratio + 2))
     equilibrium = body(panel(cells, 48.0 / cells), "hex27_p1", material, {"left": "xy", "body": "z"})
-    areas = nodal_areas(equilibrium, "right")
-    equilibrium.weight[:, 1] = FORCE_N_MM / 16 * areas  # a dead load
-    displacement = raise_load(equilibrium, lambda w: Load(w, 0.0), 1.0, 0.1).displacements[-1]
+    loaded = pulled(equilibrium, "right", (0.0, FORCE_N_MM / 16, 0.0))
+    displacement = raise_load(loaded, Ramp({"pull": 1.0}), 1.0, 0.1).displacements[-1]
     positions = equilibrium.solid.discretisation.positions
     corner = int(np.argmin(np.linalg.norm(positions - [48, 60, 0], axis=1)))
     yield Check(

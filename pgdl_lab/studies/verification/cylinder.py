@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from skfem import MeshHex
 
-from pgdl_lab.mechanics.equilibrium import Load
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.term import Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
 from pgdl_lab.studies.verification.bodies import body, curved, nodes_on, raise_load
 
@@ -46,7 +46,7 @@ def cylinder(quick: bool) -> Iterator[Check]:
         equilibrium = body(mesh, "hex27_p1", material, {"x-axis": "y", "y-axis": "x", "body": "z"})
         bore = nodes_on(equilibrium, "cavity")
         positions = equilibrium.solid.discretisation.positions
-        branch = raise_load(equilibrium, lambda p: Load(0.0, p), pressure_mpa(STRETCHES[-1], material), 5e-3)
+        branch = raise_load(equilibrium, Ramp({"air": 1.0}), pressure_mpa(STRETCHES[-1], material), 5e-3)
         for stretch in STRETCHES:
             moved = positions + branch.at(pressure_mpa(stretch, material))
             radius = np.hypot(moved[bore, 0], moved[bore, 1])

@@ -8,10 +8,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 from skfem import MeshHex
 
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.term import Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
-from pgdl_lab.studies.verification.bodies import body, nodal_areas, nodes_on, raise_load, settle
+from pgdl_lab.studies.verification.bodies import body, nodes_on, pulled, raise_load, settle
 
 Array = NDArray[np.float64]
 
@@ -49,9 +50,9 @@ def tip_load(quick: bool) -> Iterator[Check]:
     """Raise the load; deflection and shortening of the axis at the tip."""
     for element, cells in (("hex20", 20),) if quick else (("hex20", 40), ("hex27_p1", 60)):
         equilibrium = beam(cells, element, {"root": "xy"})
-        areas = nodal_areas(equilibrium, "tip")
-        equilibrium.weight[:, 1] = BENDING_STIFFNESS / LENGTH_MM**2 * areas / (DEPTH_MM * WIDTH_MM)
-        branch = raise_load(equilibrium, lambda w: Load(w, 0.0), LOADS[-1], 0.2)
+        unit = BENDING_STIFFNESS / LENGTH_MM**2 / (DEPTH_MM * WIDTH_MM)
+        loaded = pulled(equilibrium, "tip", (0.0, unit, 0.0))
+        branch = raise_load(loaded, Ramp({"pull": 1.0}), LOADS[-1], 0.2)
         tip = nodes_on(equilibrium, "tip")
         for load in LOADS:
             moved = branch.at(load)[tip].mean(axis=0) / LENGTH_MM
@@ -76,7 +77,7 @@ def circle(quick: bool) -> Iterator[Check]:
     bent = np.column_stack([(radius - y) * np.sin(angle) - x, radius - (radius - y) * np.cos(angle) - y, 0 * x])
     displacement = settle(equilibrium, bent)
     tip = nodes_on(equilibrium, "tip")
-    forces = equilibrium.balance(displacement, Load(0.0, 0.0), stiffness=False).forces[tip]
+    forces = equilibrium.balance(displacement, {}, stiffness=False).forces[tip]
     place = (equilibrium.solid.discretisation.positions + displacement)[tip]
     moment = (place[:, 0] * forces[:, 1] - place[:, 1] * forces[:, 0]).sum()
     exact = 2 * np.pi * BENDING_STIFFNESS / LENGTH_MM

@@ -6,11 +6,12 @@ import numpy as np
 from scipy.optimize import bisect
 from skfem import MeshHex
 
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.term import Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
-from pgdl_lab.studies.verification.bodies import body, nodal_areas, raise_load
+from pgdl_lab.studies.verification.bodies import body, pulled, raise_load
 
 LENGTH_MM, DEPTH_MM, THICKNESS_MM = 400.0, 5.0, 0.25
 MATERIAL = Yeoh(c1_mpa=1.0, c2_mpa=0.0, poisson=0.0)
@@ -22,7 +23,7 @@ STRONG = BENDING / SLIM
 
 
 def half_strip(cells: int, element: str) -> Equilibrium:
-    """The half y ≥ 0 of the strip along x; at a weight of 1 its end bears half of `UNIT_N`."""
+    """The half y ≥ 0 of the strip along x; at a pull of 1 its end bears half of `UNIT_N`."""
     # torsion fades within a thickness of the edges, and takes fine elements there
     heights = DEPTH_MM / 2 - THICKNESS_MM * np.array([DEPTH_MM / 2 / THICKNESS_MM, 2.0, 1.0, 0.5, 0.0])
     mesh = MeshHex.init_tensor(
@@ -35,16 +36,15 @@ def half_strip(cells: int, element: str) -> Equilibrium:
         "plane": lambda x: np.isclose(x[1], 0),
     })  # fmt: skip
     equilibrium = body(mesh, element, MATERIAL, {"root": "xyz", "plane": "y"}, sideways={"root": "xyz", "plane": "xz"})
-    equilibrium.weight[:, 2] = -UNIT_N * nodal_areas(equilibrium, "tip") / (DEPTH_MM * THICKNESS_MM)
-    return equilibrium
+    return pulled(equilibrium, "tip", (0.0, 0.0, -UNIT_N / (DEPTH_MM * THICKNESS_MM)))
 
 
 def critical(equilibrium: Equilibrium) -> float:
-    """The weight at which the smallest eigenvalue of the stiffness against antisymmetric motions changes its sign."""
-    branch, solver = raise_load(equilibrium, lambda w: Load(w, 0.0), 6.0, 2.0), symmetric_solver()
+    """The pull at which the smallest eigenvalue of the stiffness against antisymmetric motions changes its sign."""
+    branch, solver = raise_load(equilibrium, Ramp({"pull": 1.0}), 6.0, 2.0), symmetric_solver()
 
-    def stable(weight: float) -> float:
-        solver.factorise(equilibrium.sideways_stiffness(branch.at(weight), Load(weight, 0.0)))
+    def stable(pull: float) -> float:
+        solver.factorise(equilibrium.sideways_stiffness(branch.at(pull), {"pull": pull}))
         return -1.0 if solver.negative else 1.0
 
     try:

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from pgdl_lab.mechanics.elements import BEST, ELEMENTS
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.mechanics.term import DeadLoad
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
 from pgdl_lab.studies.verification.bodies import body, settle, wavy
 
@@ -71,12 +73,13 @@ def errors(cells: int, element: str, material: Yeoh) -> tuple[float, float]:
     force = body_force(points, material) * basis.dx
     shapes = np.stack([np.broadcast_to(phi, basis.dx.shape) for (phi,) in basis.basis], axis=1)  # (E, A, Q)
     loads = np.einsum("ieq,eaq->eai", force, shapes)
-    np.add.at(equilibrium.weight, mesh.nodes, loads)  # a dead load like the weight, but not uniform
+    forces = np.zeros_like(mesh.positions)
+    np.add.at(forces, mesh.nodes, loads)
     at_nodes = deformation(mesh.positions.T, material)[0].T - mesh.positions
     displacement = at_nodes
     for poisson in [softer for softer in SOFTER if softer < material.poisson] + [material.poisson]:
-        equilibrium.solid.material = replace(material, poisson=poisson)
-        displacement = settle(equilibrium, displacement)
+        loaded = equilibrium.with_terms(solid=Solid(mesh, replace(material, poisson=poisson)), push=DeadLoad(forces))
+        displacement = settle(loaded, displacement, {"push": 1.0})
     found = [basis.interpolate(displacement[:, i]) for i in range(3)]
     place, gradient = deformation(points, material)
     exact, exact_gradient = place - points, gradient - np.eye(3)[:, :, None, None]

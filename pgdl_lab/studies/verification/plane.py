@@ -7,12 +7,12 @@ import numpy as np
 from skfem import MeshQuad, MeshQuad2
 
 from pgdl_lab.mechanics.air import Air
-from pgdl_lab.mechanics.contact import NoContact
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.material import Array, Yeoh
 from pgdl_lab.mechanics.plane_stress import PlaneStress
 from pgdl_lab.mechanics.section import discretise_plane, part
 from pgdl_lab.mechanics.solid import Solid
+from pgdl_lab.mechanics.term import DeadLoad, Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
 from pgdl_lab.studies.verification.bodies import raise_load, settle
 from pgdl_lab.studies.verification.cylinder import INNER_MM, OUTER_MM, STRETCHES, pressure_mpa
@@ -33,9 +33,9 @@ def cantilever(quick: bool) -> Iterator[Check]:
     free = np.ones(body.positions.shape, dtype=bool)
     free[:, 1] = False
     free[np.isclose(body.positions[:, 0], 0)] = False
-    no_air = Air(part(body, np.arange(1), np.ones(1)))
-    equilibrium = Equilibrium(Solid(body, law), no_air, np.array([0.0, 0.0, -load]), free, NoContact())
-    displacement = settle(equilibrium, np.zeros_like(body.positions))
+    weight = DeadLoad.weight(body, np.array([0.0, 0.0, -load]))
+    equilibrium = Equilibrium({"solid": Solid(body, law), "weight": weight}, free)
+    displacement = settle(equilibrium, np.zeros_like(body.positions), {"weight": 1.0})
     tip = np.isclose(body.positions[:, 0], length) & np.isclose(body.positions[:, 2], depth / 2)
     young = 2 * law.shear_modulus_mpa * (1 + law.poisson) / (1 - law.poisson**2)
     bending = load * depth * length**4 / (8 * young * depth**3 / 12)
@@ -69,8 +69,8 @@ def cylinder(quick: bool) -> Iterator[Check]:
     solid = part(body, np.arange(len(bored)), np.where(bored, LAYER, 1.0))
     air = part(body, np.flatnonzero(bored), np.ones(bored.sum()))
     law = Yeoh(poisson=0.4999)
-    equilibrium = Equilibrium(Solid(solid, law), Air(air), np.zeros(3), free, NoContact())
-    branch = raise_load(equilibrium, lambda p: Load(0.0, p), pressure_mpa(STRETCHES[-1], law), 5e-3)
+    equilibrium = Equilibrium({"solid": Solid(solid, law), "air": Air(air)}, free)
+    branch = raise_load(equilibrium, Ramp({"air": 1.0}), pressure_mpa(STRETCHES[-1], law), 5e-3)
     for stretch in STRETCHES:
         pressure = pressure_mpa(stretch, law)
         moved = body.positions + branch.at(pressure)
@@ -91,19 +91,19 @@ def uniaxial(quick: bool) -> Iterator[Check]:
     free[:, 1] = False
     free[np.isclose(x, 0) | np.isclose(x, 2), 0] = False
     free[np.isclose(z, 0), 2] = False
-    no_air, random = Air(part(body, np.arange(1), np.ones(1))), np.random.default_rng(0)
+    random = np.random.default_rng(0)
     for name, law, closed_form in laws():
         solid = Solid(body, PlaneStress(law))
 
         def forces_of(displacement: Array, solid: Solid = solid) -> Array:
             return solid.response(displacement, stiffness=False).forces
 
-        equilibrium = Equilibrium(solid, no_air, np.zeros(3), free, NoContact())
+        equilibrium = Equilibrium({"solid": solid}, free)
         for stretch in PULLED:
             start = body.positions * [stretch - 1, 0.0, stretch**-0.5 - 1]
             inside = free * 0.01 * random.normal(size=start.shape)
             found = settle(equilibrium, start + inside)
-            forces = equilibrium.balance(found, Load(0.0, 0.0), stiffness=False).forces
+            forces = equilibrium.balance(found, {}, stiffness=False).forces
             nominal = closed_form(stretch, 0.5)
             yield Check(
                 f"{name}, stretch {stretch:g}: nominal stress [MPa]", nominal,

@@ -7,9 +7,10 @@ from scipy.optimize import bisect
 from skfem import MeshHex
 
 from pgdl_lab.mechanics.assembly import Assembler
-from pgdl_lab.mechanics.equilibrium import Equilibrium, Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.material import Yeoh
+from pgdl_lab.mechanics.term import Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
 from pgdl_lab.studies.verification.bodies import body, curved, raise_load
 
@@ -35,14 +36,14 @@ def quarter(cells: int, element: str) -> Equilibrium:
 
 def critical(equilibrium: Equilibrium, load_stiffness: bool) -> float:
     """Pressure over E I / R³ at which the smallest eigenvalue of the stiffness changes its sign [–]."""
-    branch = raise_load(equilibrium, lambda p: Load(0.0, p), 6 * UNIT_MPA, 0.5 * UNIT_MPA)
+    branch = raise_load(equilibrium, Ramp({"air": 1.0}), 6 * UNIT_MPA, 0.5 * UNIT_MPA)
     assembler = Assembler([equilibrium.solid.discretisation.nodes], equilibrium.free)
     solver = symmetric_solver()
 
     def stable(pressure: float) -> float:
         displacement = branch.at(pressure * UNIT_MPA)
         if load_stiffness:
-            whole = equilibrium.balance(displacement, Load(0.0, pressure * UNIT_MPA), stiffness=True)
+            whole = equilibrium.balance(displacement, {"air": pressure * UNIT_MPA}, stiffness=True)
             solver.factorise(whole.stiffness)
         else:
             solid = equilibrium.solid.response(displacement, stiffness=True)

@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.registry import plugin
-from pgdl_lab.mechanics.equilibrium import Load
+from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.finger import ExtrudedFinger
 from pgdl_lab.mechanics.finger_rod import FingerRod
 from pgdl_lab.mechanics.material import Yeoh
 from pgdl_lab.mechanics.profile import Profile, Region
-from pgdl_lab.mechanics.rod import Rod, Sections
+from pgdl_lab.mechanics.rod import Axis, rod
 from pgdl_lab.mechanics.segments import solve
+from pgdl_lab.mechanics.term import DeadLoad, Ramp
 from pgdl_lab.studies.verification.benchmark import Check, benchmark
 from pgdl_lab.studies.verification.bodies import raise_load, settle
 from pgdl_lab.studies.verification.elastica import LOADS, elastica
@@ -26,20 +27,26 @@ ELEMENTS = 200
 AXIAL_N = 1e6 * BENDING_N_MM2 / LENGTH_MM**2
 
 
-def cantilever(mass: float, gravity: float) -> Rod:
+def cantilever(mass: float, gravity: float) -> Equilibrium:
     """A uniform cantilever that hardly stretches, of `mass` [tonne] under `gravity` along z [mm/s²]."""
     one = np.ones(ELEMENTS)
     stiffness = one[:, None, None] * np.diag([AXIAL_N, AXIAL_N, BENDING_N_MM2])
-    sections = Sections(stiffness, np.zeros((ELEMENTS, 3)), mass / ELEMENTS * one, 0 * one)
-    return Rod(np.linspace(0, LENGTH_MM, ELEMENTS + 1), sections, np.array([0.0, gravity]))
+    axis, no_air = Axis(np.linspace(0, LENGTH_MM, ELEMENTS + 1)), np.zeros((ELEMENTS, 3))
+    return rod(axis, stiffness, no_air, mass / ELEMENTS * one, 0 * one, np.array([0.0, gravity]))
+
+
+def loaded(bent: Equilibrium, *load: float) -> Equilibrium:
+    """`bent` with the dead load "end" at its tip: forces along x and z [N] and a moment from x to z [N mm]."""
+    forces = np.zeros(bent.free.shape)
+    forces[-1] = load
+    return bent.with_terms(end=DeadLoad(forces))
 
 
 @benchmark("rod, dead load at the tip", quick=True)
 def tip_load(quick: bool) -> Iterator[Check]:
     """Deflection and shortening as the load rises."""
-    rod = cantilever(0.0, 0.0)
-    rod.weight[-1, 1] = BENDING_N_MM2 / LENGTH_MM**2
-    branch = raise_load(rod, lambda w: Load(w, 0.0), LOADS[-1], 0.2)
+    bent = loaded(cantilever(0.0, 0.0), 0.0, BENDING_N_MM2 / LENGTH_MM**2, 0.0)
+    branch = raise_load(bent, Ramp({"end": 1.0}), LOADS[-1], 0.2)
     for load in LOADS:
         u, w, _ = branch.at(load)[-1] / LENGTH_MM
         for name, reference, obtained in zip(("w/L", "u/L"), elastica(load), (w, -u), strict=True):
@@ -52,9 +59,8 @@ def tip_load(quick: bool) -> Iterator[Check]:
 @benchmark("rod, end moment to a closed circle", quick=True)
 def circle(quick: bool) -> Iterator[Check]:
     """M = 2 π E I / L brings the tip back to the root; the elements become the sides of a polygon that closes."""
-    rod = cantilever(0.0, 0.0)
-    rod.weight[-1, 2] = 2 * np.pi * BENDING_N_MM2 / LENGTH_MM
-    branch = raise_load(rod, lambda w: Load(w, 0.0), 1.0, 0.05)
+    bent = loaded(cantilever(0.0, 0.0), 0.0, 0.0, 2 * np.pi * BENDING_N_MM2 / LENGTH_MM)
+    branch = raise_load(bent, Ramp({"end": 1.0}), 1.0, 0.05)
     u, w, turned = branch.displacements[-1][-1]
     yield Check(
         "distance of tip and root over length [–]", 0.0, float(np.hypot(LENGTH_MM + u, w) / LENGTH_MM), 1e-6, "circle"
@@ -88,7 +94,7 @@ def weighed_down(load: float) -> tuple[float, float]:
 def own_weight(quick: bool) -> Iterator[Check]:
     """Sag and shortening of the tip."""
     unit = BENDING_N_MM2 / LENGTH_MM**3  # weight per length with q L³ / (E I) = 1 [N/mm]
-    branch = raise_load(cantilever(unit * LENGTH_MM / 9810, 9810.0), lambda w: Load(w, 0.0), 10.0, 0.2)
+    branch = raise_load(cantilever(unit * LENGTH_MM / 9810, 9810.0), Ramp({"weight": 1.0}), 10.0, 0.2)
     for load in (1.0, 4.0, 10.0):
         u, w, _ = branch.at(load)[-1] / LENGTH_MM
         for name, reference, obtained in zip(("w/L", "u/L"), weighed_down(load), (w, -u), strict=True):
@@ -150,12 +156,11 @@ class Bar(ExtrudedFinger):
 def short_bar(quick: bool) -> Iterator[Check]:
     """A bar twice as long as high, of whose sag 15 % are shear; without Poisson's effect the clamp holds nothing."""
     bar, load = Bar(material=Yeoh(poisson=0.0)), 1e-4
-    rod = FingerRod(bar, 3.0, 0.25).rod
-    rod.weight[-1, 1] = load
+    bent = loaded(FingerRod(bar, 3.0, 0.25).equilibrium, 0.0, load, 0.0)
     height, shear = bar.z_mm[-1], bar.material.shear_modulus_mpa
     bending = load * bar.length_mm**3 / (3 * 2 * shear * bar.width_mm * height**3 / 12)
     sag = bending + load * bar.length_mm / (5 / 6 * shear * bar.width_mm * height)
-    found = float(settle(rod, np.zeros_like(rod.weight))[-1, 1])
+    found = float(settle(bent, np.zeros(bent.free.shape), {"end": 1.0})[-1, 1])
     yield Check("deflection [mm]", sag, found, 1e-3 * sag, "S. P. Timoshenko 1921, with 5/6 for a rectangle")
 
 
@@ -165,8 +170,8 @@ def bored_bar(quick: bool) -> Iterator[Check]:
     turned, pressure = [], 1e-5
     for length in (36.0, 48.0):
         bar = Bar(length_mm=length, z_mm=(0.0, 3.0, 7.0, 9.0), bored=True, material=Yeoh(poisson=0.3))
-        rod = FingerRod(bar, 3.0, 1.0).rod
-        turned.append(settle(rod, np.zeros_like(rod.weight), pressure)[-1, 2])
+        blown = FingerRod(bar, 3.0, 1.0).equilibrium
+        turned.append(settle(blown, np.zeros(blown.free.shape), {"air": pressure})[-1, 2])
     bore = (bar.width_mm - 2 * bar.side_wall_mm) * 4.0
     area = bar.width_mm * 9.0 - bore
     centre = (bar.width_mm * 9.0 * 4.5 - bore * 5.0) / area

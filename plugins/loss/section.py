@@ -1,4 +1,4 @@
-"""Loss `equilibrium`: the balance of forces on the section, in weak form."""
+"""Loss `section`: the balance of forces on the x–z section, in weak form."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ if TYPE_CHECKING:
     from pgdl_lab.mechanics.finger import Finger
 
 
-@register("loss", "equilibrium")
+@register("loss", "section")
 @dataclass(frozen=True)
-class EquilibriumLoss(PlaneLoss):
+class SectionLoss(PlaneLoss):
     """Mean square of the strain [–] that would balance weight, follower pressure and stress on the x–z section.
 
     Finite elements on the section, of the width of the finger, over cavities that of both side walls; see
     `pgdl_lab.learning.section_balance`. No derivative of the field is needed, so ReLU will do. The field is that of the
-    side face and the section is not: chambers bulge between the side walls, so that even the simulated displacement is
-    far out of balance. Every run shows how far, and below that this term can only do harm.
+    side face and the section is not: chambers bulge between the side walls. So its minimum does not lie at the
+    simulated displacement, which has 4.9e-3 on pneunet, more than no displacement at all, 4.1e-3 (means over all
+    pressures; `residuals` of each run). Below its own floor this term can only do harm.
 
     Attributes
     ----------
@@ -48,10 +49,10 @@ class EquilibriumLoss(PlaneLoss):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.edge_mm < np.inf:
-            raise InputError(f"loss.equilibrium.edge_mm is {self.edge_mm} mm; it must be above 0.")
+            raise InputError(f"loss.section.edge_mm is {self.edge_mm} mm; it must be above 0.")
         if not 0 < self.side_wall_share <= 1:
             raise InputError(
-                f"loss.equilibrium.side_wall_share is {self.side_wall_share}; it must be above 0 and at most 1."
+                f"loss.section.side_wall_share is {self.side_wall_share}; it must be above 0 and at most 1."
             )
 
     def check(self, finger: Finger | None) -> None:
