@@ -16,6 +16,8 @@ Ints = NDArray[np.int64]
 ROUNDING = 1e-9  # a weight may be that far below 0 on an inner facet
 OFF_BODY = 1e-3  # points may lie off the body by this share of its diagonal, as rounding puts them there
 UNCOUNTED = 2**63
+AXES = {2: "xz", 3: "xyz"}
+"""Names of the coordinates, and of the components of a displacement, by the number of dimensions."""
 PAIRS = 2**22  # of a point off the body and a facet that are compared at once
 
 
@@ -180,6 +182,12 @@ class SimplexMesh:
         corners[here], weights[here] = self.outline[best], 0.0
         weights[here[:, None], places[1:]] = share[:, nearer, best].T
         weights[here, places[0]] = 1 - share[:, nearer, best].sum(axis=0)
+
+
+def place(point_mm: Floats, digits: str = "") -> str:
+    """A point (d,) in words, such as "x = 3, z = 4 mm", with as many `digits` as a format says."""
+    axes = AXES[len(point_mm)]
+    return ", ".join(f"{axis} = {float(value):{digits}g}" for axis, value in zip(axes, point_mm, strict=True)) + " mm"
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.simplices import AXES
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.scene import Scene
@@ -26,11 +27,11 @@ class Samples:
     Attributes
     ----------
     points_mm
-        (n, 2) float64, x and z of the undeformed points [mm].
+        (n, d) float64, x and z of the undeformed points of a face, or x, y and z of a body [mm].
     pressures_kpa
         (n,) float64 [kPa].
     displacements_mm
-        (n, 2) float64, u_x and u_z [mm].
+        (n, d) float64, the components of the displacement [mm].
     """
 
     points_mm: NDArray[np.float64]
@@ -55,8 +56,9 @@ class Samples:
         return Samples(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
 
     def ranges(self) -> dict[str, list[float]]:
-        """Least and greatest value: "x_mm", "z_mm" and "pressure_kpa"."""
-        columns = {"x_mm": self.points_mm[:, 0], "z_mm": self.points_mm[:, 1], "pressure_kpa": self.pressures_kpa}
+        """Least and greatest value: "x_mm", of a body "y_mm", "z_mm" and "pressure_kpa"."""
+        places = {f"{axis}_mm": self.points_mm[:, i] for i, axis in enumerate(AXES[self.points_mm.shape[1]])}
+        columns = {**places, "pressure_kpa": self.pressures_kpa}
         return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 

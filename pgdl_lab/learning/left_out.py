@@ -73,7 +73,7 @@ def scores_left_out(model: Trainable, training: Training, field: Any, folder: Pa
     """Scores (n, 2) [mm], see `scores_mm`, at all points of a training, of networks that were trained without each."""
     whole = training.whole
     count = len(whole.pressures_kpa)
-    scores, rho = np.empty((count, 2)), ridge_of(field, training.samples)
+    scores, rho = np.empty((count, whole.displacements_mm.shape[1])), ridge_of(field, training.samples)
     part = np.random.default_rng(training.seed).permutation(count) % PARTS
     for number in range(PARTS):
         out = part == number

@@ -101,7 +101,7 @@ def scores_mm(field: ReadOutField, trained: Samples, asked: Samples, rho: float)
 
 @torch.no_grad()
 def _values(part: Callable[[Tensor, Tensor], Tensor], coordinates: Tensor, pressures_kpa: Floats) -> Floats:
-    """Displacements (n, 2) [mm] of a field or of a part of it."""
+    """Displacements (n, d) [mm] of a field or of a part of it."""
     return part(coordinates, torch.from_numpy(pressures_kpa).to(coordinates.dtype)).double().numpy()
 
 
@@ -119,7 +119,7 @@ class FieldProbe(Probe):
     field
         The field.
     points_mm
-        (N, 2) [mm].
+        (N, d) [mm].
     """
 
     def __init__(self, field: Field, points_mm: Floats) -> None:
@@ -138,5 +138,7 @@ class FieldProbe(Probe):
         # each point has a pressure of its own, so that the gradient of a sum over all points is that of each
         pressures = self._coordinates.new_full((self._coordinates.shape[1],), kpa, requires_grad=True)
         field = self._field(self._coordinates, pressures)
-        along = [torch.autograd.grad(field[:, i].sum(), pressures, retain_graph=i == 0)[0] for i in range(2)]
+        along = [
+            torch.autograd.grad(field[:, i].sum(), pressures, retain_graph=i == 0)[0] for i in range(field.shape[1])
+        ]
         return torch.stack(along, dim=1).double().numpy()

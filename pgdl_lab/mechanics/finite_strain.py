@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import DISPLACEMENT, TANGENT
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError, LabError
 from pgdl_lab.mechanics.cavity import Cavity
@@ -170,6 +172,11 @@ class History:
     def at(self, kpa: float) -> Array:
         """Displacement (N, 3) [mm] of all nodes at a pressure [kPa]."""
         return self.branch.at(kpa)
+
+    def body(self, domain: Domain) -> Dataset:
+        """The equilibria and their tangents on the whole body."""
+        fields = {DISPLACEMENT: np.array(self.branch.displacements), TANGENT: np.array(self.branch.slopes)}
+        return replace(Dataset.path(domain, np.array(self.branch.parameters), fields[DISPLACEMENT]), fields=fields)
 
 
 class Model:
@@ -377,10 +384,17 @@ class Model:
         matrix = sp.vstack([self.discretisation.basis.probes(part) for part in parts], format="csr")
         return lambda displacement: matrix @ displacement[:, [0, 2]]
 
-    def domain(self) -> Domain:
-        """The mesh, in the order of VTK."""
+    def domain(self, face: Face | None = None) -> Domain:
+        """The mesh, in the order of VTK; its base line is made of the nodes nearest to that of the observed `face`."""
         name, cells = vtk_cells(self.discretisation)
-        return Domain(self.discretisation.positions, cells, name)
+        clamp, base = np.flatnonzero(~self.equilibrium.free.any(axis=1)), np.empty(0, dtype=np.int64)
+        if face is not None:
+            from scipy.spatial import cKDTree
+
+            line = np.insert(face.domain.points_mm, 1, face.y_mm, axis=1)[face.domain.base]
+            nearest = cKDTree(self.discretisation.positions).query(line)[1]
+            base = np.array(list(dict.fromkeys(nearest.tolist())), dtype=np.int64)
+        return Domain(self.discretisation.positions, cells, name, base, clamp)
 
 
 @contextmanager

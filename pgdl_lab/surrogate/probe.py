@@ -19,15 +19,15 @@ class Probe(ABC):
 
     @abstractmethod
     def value(self, kpa: float) -> Floats:
-        """Displacement (N, 2) [mm] at a pressure [kPa]."""
+        """Displacement (N, d) [mm] at a pressure [kPa]."""
 
     def slope(self, kpa: float) -> Floats:
-        """Derivative (N, 2) of the displacement by the pressure [mm/kPa]; here a central difference."""
+        """Derivative (N, d) of the displacement by the pressure [mm/kPa]; here a central difference."""
         step = STEP * max(abs(kpa), 1.0)
         return (self.value(kpa + step) - self.value(kpa - step)) / (2 * step)
 
     def values(self, pressures_kpa: Floats) -> Floats:
-        """Displacements (P, N, 2) [mm] at pressures (P,) [kPa]."""
+        """Displacements (P, N, d) [mm] at pressures (P,) [kPa]."""
         shape = (len(pressures_kpa), *self.value(0.0).shape)
         return np.array([self.value(float(kpa)) for kpa in pressures_kpa]).reshape(shape)
 
@@ -41,7 +41,7 @@ class PolynomialProbe(Probe):
     Parameters
     ----------
     modes
-        (K, N, 2).
+        (K, N, d).
     amplitudes_mm
         (D, K), coefficients of Chebyshev polynomials [mm].
     range_kpa

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.simplices import AXES
 
 Floats = NDArray[np.float64]
 
 
-def points_of(points_mm: ArrayLike) -> Floats:
-    """Points (N, 2) [mm].
+def points_of(points_mm: ArrayLike, dimension: int) -> Floats:
+    """Points (N, d) [mm] of a face (d = 2) or of a body (d = 3).
 
     Raises
     ------
@@ -19,8 +20,12 @@ def points_of(points_mm: ArrayLike) -> Floats:
         When the shape is another, or a value is no finite number.
     """
     points = _numbers(points_mm, "points_mm")
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise InputError(f"points_mm has shape {points.shape}; it must be (N, 2): x and z of N points in mm.")
+    if points.ndim != 2 or points.shape[1] != dimension:
+        *first, last = list(AXES[dimension])
+        raise InputError(
+            f"points_mm has shape {points.shape}; it must be (N, {dimension}): {', '.join(first)} and {last} of N "
+            "points in mm."
+        )
     return points
 
 

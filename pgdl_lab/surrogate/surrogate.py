@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.heard import WARNINGS
-from pgdl_lab.core.plotting import plot_face
+from pgdl_lab.core.plotting import plot_side
+from pgdl_lab.core.simplices import place
 from pgdl_lab.surrogate import archive
 from pgdl_lab.surrogate.inverse import Answer, Inverse
 from pgdl_lab.surrogate.limits import Limits, Outside, TooFar
@@ -38,7 +39,9 @@ Floats = NDArray[np.float64]
 
 
 class Surrogate(ABC):
-    """The displacement of the side face as a function of place and pressure. Threads may share one.
+    """The displacement of the side face or of the whole body as a function of place and pressure.
+
+    Threads may share one.
 
     Parameters
     ----------
@@ -77,14 +80,21 @@ class Surrogate(ABC):
 
     @abstractmethod
     def probe(self, points_mm: Floats) -> Probe:
-        """The surrogate at checked points (N, 2) [mm]; those off the body, see `knows_body`."""
+        """The surrogate at checked points (N, d) [mm]; those off the body, see `knows_body`."""
 
     def __repr__(self) -> str:
         low, high = self.record.ranges["pressure_kpa"]
         finger = self.record.provenance.get("finger")
-        of = f" of finger {finger['name']}" if isinstance(finger, dict) and "name" in finger else ""
+        of = " of the whole body" if self.dimension == 3 else ""
+        of += f" of finger {finger['name']}" if isinstance(finger, dict) and "name" in finger else ""
         told = f", {self.error['rms_mm']:.2g} mm RMS off at points not trained on" if self.error else ""
         return f"<surrogate {self.model['name']}{of}: {low:g} to {high:g} kPa{told}>"
+
+    @property
+    def dimension(self) -> int:
+        """Coordinates of a point: 2 of the side face, x and z; 3 of the whole body, x, y and z."""
+        domain = self.record.domain
+        return domain.points_mm.shape[1] if domain else 3 if "y_mm" in self.record.ranges else 2
 
     @property
     def units(self) -> dict[str, str]:
@@ -93,7 +103,7 @@ class Surrogate(ABC):
 
     @property
     def ranges(self) -> dict[str, list[float]]:
-        """Least and greatest training value: "x_mm", "z_mm" and "pressure_kpa"."""
+        """Least and greatest training value: "x_mm", of a body "y_mm", "z_mm" and "pressure_kpa"."""
         return {name: list(bounds) for name, bounds in self.record.ranges.items()}
 
     @property
@@ -110,7 +120,9 @@ class Surrogate(ABC):
         return dict(self.record.provenance.get(ERROR, {}))
 
     def plot(self, pressure_kpa: float, axes: Axes | None = None) -> Axes:
-        """Draw the bent side face at a pressure [kPa] over its shape at rest, on `axes` or in a new figure of pyplot.
+        """Draw the bent side face, or the body from the side, at a pressure [kPa] over its shape at rest.
+
+        It is drawn on `axes`, or in a new figure of pyplot.
 
         Raises
         ------
@@ -120,7 +132,7 @@ class Surrogate(ABC):
         domain = self.domain
         moved_mm = self.predict(domain.points_mm, float(pressure_kpa))
         title = f"model {self.model['name']} at {pressure_kpa:g} kPa"
-        return plot_face(domain.points_mm, domain.cells, domain.base, moved_mm, title, axes)
+        return plot_side(domain, moved_mm, title, axes)
 
     def _repr_html_(self) -> str:
         """The viewer, for notebooks."""
@@ -130,7 +142,7 @@ class Surrogate(ABC):
 
     @property
     def domain(self) -> Domain:
-        """The side face.
+        """The side face or the whole body.
 
         Raises
         ------
@@ -143,16 +155,16 @@ class Surrogate(ABC):
 
     @property
     def tip_mm(self) -> Floats:
-        """The end of the undeformed base line (2,) [mm]."""
+        """The end of the undeformed base line (d,) [mm]."""
         return self.domain.tip_mm
 
     def predict(self, points_mm: ArrayLike, pressure_kpa: ArrayLike, *, beyond: bool = False) -> Floats:
-        """Displacement of points of the undeformed face.
+        """Displacement of points of the undeformed face or body.
 
         Parameters
         ----------
         points_mm
-            (N, 2), x and z of the undeformed points [mm].
+            (N, 2), x and z of the undeformed points; of a whole body (N, 3): x, y and z [mm].
         pressure_kpa
             A number or (P,) [kPa].
         beyond
@@ -160,7 +172,8 @@ class Surrogate(ABC):
 
         Returns
         -------
-        (N, 2) float64 for one pressure, (P, N, 2) float64 for several: u_x and u_z [mm].
+        (N, 2) float64 for one pressure, (P, N, 2) float64 for several: u_x and u_z [mm]. Of a body (N, 3) and
+        (P, N, 3): u_x, u_y and u_z.
 
         Raises
         ------
@@ -170,7 +183,7 @@ class Surrogate(ABC):
             When a shape is wrong or a value is not a finite number; with outside="raise" also when a pressure or a
             point lies outside what was trained.
         """
-        points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
+        points, pressures = points_of(points_mm, self.dimension), pressures_of(pressure_kpa)
         self._check_pressures(points, pressures, beyond)
         probe = self._probed(points)
         return probe.values(pressures) if pressures.ndim else probe.value(float(pressures))
@@ -183,15 +196,15 @@ class Surrogate(ABC):
         InputError
             See `predict`.
         """
-        points = points_of(points_mm)
+        points = points_of(points_mm, self.dimension)
         return At(self, points, self._probed(points), beyond)
 
     def bars(self, points_mm: Floats, pressures_kpa: Floats) -> Floats | None:
-        """Error bars (P, N) [mm] at checked points (N, 2) [mm] and pressures (P,) [kPa]; None: has none."""
+        """Error bars (P, N) [mm] at checked points (N, d) [mm] and pressures (P,) [kPa]; None: has none."""
         return None
 
     def error_bar(self, points_mm: ArrayLike, pressure_kpa: ArrayLike, *, beyond: bool = False) -> Floats | None:
-        """What the model itself expects to err by: |error| of u_x, and of u_z, stays below it in 95 of 100 cases.
+        """What the model itself expects to err by: |error| of each component stays below it in 95 of 100 cases.
 
         Parameters
         ----------
@@ -208,7 +221,7 @@ class Surrogate(ABC):
             When a shape is wrong or a value is not a finite number, or a pressure lies outside `allowed_kpa`, unless
             `beyond`.
         """
-        points, pressures = points_of(points_mm), pressures_of(pressure_kpa)
+        points, pressures = points_of(points_mm, self.dimension), pressures_of(pressure_kpa)
         if not beyond:
             self._check_distance(pressures)
         bars = self.bars(points, np.atleast_1d(pressures))
@@ -226,7 +239,7 @@ class Surrogate(ABC):
         Parameters
         ----------
         tip
-            x and z of the deformed tip [mm]; None in place of one of them leaves it free.
+            x and z of the deformed tip, of a body x, y and z [mm]; None in place of one of them leaves it free.
         curvature
             Mean curvature of the base line [1/m], positive when the finger bends upwards.
         tolerance
@@ -289,12 +302,12 @@ class Surrogate(ABC):
         distance_mm = domain.mesh.distance_mm(points_mm, *domain.locate(points_mm))
         off = np.flatnonzero(distance_mm > domain.mesh.tolerance_mm)
         if len(off):
-            x, z = points_mm[distance_mm.argmax()]
             self._complain(
                 "points",
                 lambda: (
-                    f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, "
-                    f"z = {z:g} mm by {distance_mm.max():.3g} mm: give points in mm on the body; each "
+                    f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as "
+                    f"{place(points_mm[distance_mm.argmax()])} by {distance_mm.max():.3g} mm: give points in mm on the "
+                    "body; each "
                     f"{'counts as the nearest point on it' if self.knows_body else 'is answered where it lies'}"
                     ", and no error bar tells how far off that is."
                 ),
@@ -359,7 +372,7 @@ class At:
     surrogate
         The surrogate.
     points_mm
-        (N, 2), checked points [mm].
+        (N, d), checked points [mm].
     probe
         The surrogate at them.
     beyond
@@ -374,11 +387,11 @@ class At:
         self._least, self._most = (-largest, largest) if beyond else (allowed.least, allowed.most)
 
     def __call__(self, pressure_kpa: float) -> Floats:
-        """Displacement (N, 2) [mm] at a pressure [kPa]."""
+        """Displacement (N, d) [mm] at a pressure [kPa]."""
         return self._probe.value(self._checked(pressure_kpa))
 
     def slope(self, pressure_kpa: float) -> Floats:
-        """Derivative (N, 2) of the displacement by the pressure [mm/kPa]."""
+        """Derivative (N, d) of the displacement by the pressure [mm/kPa]."""
         return self._probe.slope(self._checked(pressure_kpa))
 
     def _checked(self, kpa: float) -> float:

@@ -80,7 +80,7 @@ class Calculix(Fem):
             face.domain,
             course.pressures_kpa[1:],
             np.array([probe(displacement) for displacement in observed]).reshape(-1, len(face.domain.points_mm), 2),
-            body=Dataset.path(model.domain(), course.pressures_kpa, course.displacements),
+            body=Dataset.path(model.domain(face), course.pressures_kpa, course.displacements),
             provenance=self._provenance(finger, model, course)
             | {
                 "sideways_unstable_kpa": gives_way,

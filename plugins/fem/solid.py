@@ -94,9 +94,7 @@ class Solid(Fem):
             face.domain,
             pressures,
             np.array([probe(history.at(kpa)) for kpa in pressures]).reshape(-1, len(face.domain.points_mm), 2),
-            body=Dataset.path(
-                model.domain(), np.array(history.branch.parameters), np.array(history.branch.displacements)
-            ),
+            body=history.body(model.domain(face)),
             provenance=self._provenance(finger, model, history)
             | {"sideways_lean": None if lean is None else asdict(lean), "seconds": time.perf_counter() - began},
         )

@@ -25,6 +25,7 @@ class BoundaryLoss(Loss):
     """Mean over the clamped points, u = 0 at x = 0, of the squared displacement [mm²]."""
 
     unit: ClassVar[str] = "mm²"
+    in_space: ClassVar[bool] = True
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         clamped = scene.domain.points_mm[scene.domain.clamp]
