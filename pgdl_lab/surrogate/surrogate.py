@@ -107,6 +107,11 @@ class Surrogate(ABC):
         return {name: list(bounds) for name, bounds in self.record.ranges.items()}
 
     @property
+    def provenance(self) -> dict[str, Any]:
+        """Where its training data come from: finger, mesh, material, solver, versions."""
+        return dict(self.record.provenance)
+
+    @property
     def warnings(self) -> list[str]:
         """What its simulation and its training warned of, in sentences."""
         return list(self.record.provenance.get(WARNINGS, ()))
