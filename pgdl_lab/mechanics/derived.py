@@ -81,7 +81,8 @@ class Mechanics:
 
     def stretches(self, displacement_mm: ArrayLike) -> Array:
         """Principal stretches (E, Q, 3) [–], the largest first: the singular values of F = 1 + ∂u/∂X."""
-        return np.linalg.svd(self._gradients(displacement_mm), compute_uv=False)
+        found: Array = np.linalg.svd(self._gradients(displacement_mm), compute_uv=False)
+        return found
 
     def stress_mpa(self, displacement_mm: ArrayLike) -> Array:
         """Cauchy stress (E, Q, 3, 3) [MPa], σ = F S Fᵀ / J + p 1.
@@ -98,8 +99,8 @@ class Mechanics:
             pressure = self.model.equilibrium.solid.pressure(moved)
         except InvertedElement:
             raise InputError(
-                "This displacement turns an element inside out, so that it has no stress: take one of the simulation, or "
-                "train on more points."
+                "This displacement turns an element inside out, so that it has no stress: take one of the simulation, "
+                "or train on more points."
             ) from None
         deviatoric = f @ isochoric @ f.swapaxes(2, 3) / np.linalg.det(f)[..., None, None]
         result: Array = deviatoric + pressure[..., None, None] * np.eye(3)
@@ -120,8 +121,8 @@ class Mechanics:
     def reaction_n(self, displacement_mm: ArrayLike, pressure_kpa: float) -> tuple[Array, Array]:
         """Force of the support on the finger, and sum of its weight and of the air on its walls: (3,) each [N].
 
-        They cancel where the finger is in equilibrium. The first comes from the stress at the clamp, which a small error
-        of the displacement changes much; the second does not.
+        They cancel where the finger is in equilibrium. The first comes from the stress at the clamp, which a small
+        error of the displacement changes much; the second does not.
         """
         reaction, load = self.model.reaction_and_load_n(self._checked(displacement_mm), pressure_kpa)
         if self._copies == 2:  # forces along y of both halves cancel
@@ -168,7 +169,7 @@ class Mechanics:
         moved, shape = np.asarray(displacement_mm, dtype=np.float64), self.model.discretisation.positions.shape
         if moved.shape != shape or not np.isfinite(moved).all():
             raise InputError(
-                f"The displacement has shape {moved.shape}; it must be {shape}, finite numbers in mm for all nodes of the "
-                "whole body."
+                f"The displacement has shape {moved.shape}; it must be {shape}, finite numbers in mm for all nodes of "
+                "the whole body."
             )
         return moved

@@ -35,9 +35,9 @@ def write_series(body: Dataset, folder: Path) -> Path:
 def write_body(surrogate: Surrogate, body: Dataset, folder: Path) -> Path:
     """Write what the finite elements and the surrogate say of the whole body, one VTU file per pressure.
 
-    Fields at the nodes are those of `write_face`. Each element has "von_mises_mpa", the mean over it of von Mises' stress
-    at the surrogate's displacement, where the mechanics of the body are known; not a number where that turns an element
-    inside out.
+    Fields at the nodes are those of `write_face`. Each element has "von_mises_mpa", the mean over it of von Mises'
+    stress at the surrogate's displacement, where the mechanics of the body are known; not a number where that turns an
+    element inside out.
 
     Returns
     -------
