@@ -37,6 +37,11 @@ class Observation:
         if self.of not in (FACE, BODY):
             raise InputError(f"observation.of is '{self.of}'; it must be {FACE} or {BODY}.")
 
+    def require_face(self, task: str) -> None:
+        """Check that the side face is observed; raises InputError."""
+        if self.of != FACE:
+            raise InputError(f"{task} looks at the side face alone: leave out observation.of={self.of}.")
+
     def pressures_kpa(self, max_kpa: float) -> NDArray[np.float64]:
         """Observed pressures (P,) [kPa] up to and including `max_kpa` [kPa]."""
         return max_kpa * np.arange(1, self.snapshots + 1) / self.snapshots

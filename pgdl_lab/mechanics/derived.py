@@ -81,7 +81,7 @@ class Mechanics:
 
     def stretches(self, displacement_mm: ArrayLike) -> Array:
         """Principal stretches (E, Q, 3) [–], the largest first: the singular values of F = 1 + ∂u/∂X."""
-        found: Array = np.linalg.svd(self._gradients(displacement_mm), compute_uv=False)
+        found: Any = np.linalg.svd(self._gradients(displacement_mm), compute_uv=False)
         return found
 
     def stress_mpa(self, displacement_mm: ArrayLike) -> Array:
