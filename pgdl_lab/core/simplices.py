@@ -18,6 +18,7 @@ OFF_BODY = 1e-3  # points may lie off the body by this share of its diagonal, as
 UNCOUNTED = 2**63
 AXES = {2: "xz", 3: "xyz"}
 """Names of the coordinates, and of the components of a displacement, by the number of dimensions."""
+AT_ONCE = 2**14  # points that are located at once: each is compared with all simplices near it
 PAIRS = 2**22  # of a point off the body and a facet that are compared at once
 
 
@@ -46,6 +47,10 @@ class SimplexMesh:
 
         A point off the body gets those of the nearest point of its outline.
         """
+        if len(points_mm) > AT_ONCE:
+            parts = [self.locate(points_mm[start : start + AT_ONCE]) for start in range(0, len(points_mm), AT_ONCE)]
+            corners, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+            return corners, weights
         origin_mm, cell_mm, table = self.grid
         place = np.floor((points_mm - origin_mm) / cell_mm)
         beyond: NDArray[np.bool_] = np.any((place < 0) | (place >= np.array(table.shape[:-1])), axis=1)
