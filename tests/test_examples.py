@@ -17,6 +17,7 @@ from tests.conftest import CHECKOUT, environment
         ("beyond_the_data", "At 100 kPa: 100 kPa lies too far outside the trained 1 to 24 kPa"),
         ("own_mesh", "At 10 kPa the tip is at x = 45."),
         ("own_model", "lines: "),
+        ("whole_body", "the chamber holds 1562 mm³ at rest"),
     ],
 )
 def test_examples_run(name: str, told: str, tmp_path_factory: pytest.TempPathFactory) -> None:
