@@ -1,6 +1,6 @@
 """The whole body: a surrogate of all nodes, and what the mechanics make of its displacement.
 
-    python examples/whole_body.py
+python examples/whole_body.py
 """
 
 import pgdl_lab as lab
