@@ -35,6 +35,7 @@ _HOMES = {
     "LabError": "core.errors",
     "Loss": "learning.loss",
     "Material": "mechanics.material",
+    "Mechanics": "mechanics.derived",
     "Model": "learning.model",
     "Observation": "core.observation",
     "OptimizerSettings": "learning.settings",

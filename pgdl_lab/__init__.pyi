@@ -23,6 +23,7 @@ from pgdl_lab.learning.neural import TrainedModel
 from pgdl_lab.learning.plane_loss import PlaneLoss
 from pgdl_lab.learning.settings import OptimizerSettings as OptimizerSettings
 from pgdl_lab.learning.settings import TrainerSettings as TrainerSettings
+from pgdl_lab.mechanics.derived import Mechanics as Mechanics
 from pgdl_lab.mechanics.fem import Fem as Fem
 from pgdl_lab.mechanics.fem import SimulationStopped as SimulationStopped
 from pgdl_lab.mechanics.finger import ExtrudedFinger as ExtrudedFinger

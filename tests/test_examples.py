@@ -18,6 +18,7 @@ from tests.conftest import CHECKOUT, environment
         ("own_mesh", "At 10 kPa the tip is at x = 45."),
         ("own_model", "lines: "),
         ("several_inputs", "12 kPa reaches the target"),
+        ("whole_body", "the chamber holds 1562 mm³ at rest"),
     ],
 )
 def test_examples_run(name: str, told: str, tmp_path_factory: pytest.TempPathFactory) -> None:

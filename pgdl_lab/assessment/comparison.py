@@ -22,7 +22,7 @@ class Comparison:
     snapshots
         The simulation, P pressures and N points.
     predicted_mm
-        (P, N, 2), displacements by the surrogate [mm].
+        (P, N, d), displacements by the surrogate [mm].
     train
         (n,), indices of the training points.
     bars_mm
@@ -47,7 +47,7 @@ class Comparison:
 
     @cached_property
     def error_mm(self) -> Floats:
-        """(P, N, 2), predicted minus simulated displacement [mm]."""
+        """(P, N, d), predicted minus simulated displacement [mm]."""
         return self.predicted_mm - self.snapshots.displacements
 
     def seen_snapshots(self) -> NDArray[np.bool_]:
@@ -58,8 +58,10 @@ class Comparison:
 
     def mse_mm2(self) -> dict[str, float]:
         """Mean squared error of each component over all unseen points [mm²]."""
-        x, z = (self.error_mm[self.unseen] ** 2).mean(axis=0)
-        return {"x": float(x), "z": float(z)}
+        return self._by_axis((self.error_mm[self.unseen] ** 2).mean(axis=0))
+
+    def _by_axis(self, values: Floats) -> dict[str, float]:
+        return dict(zip(self.snapshots.domain.axes, values.tolist(), strict=True))
 
     def error(self) -> dict[str, float | None]:
         """Lengths of the error, over all unseen points, and of the tip at all pressures.
@@ -67,14 +69,14 @@ class Comparison:
         Returns
         -------
         "rms_mm" and "largest_mm" [mm], "tip_mm", the largest at the tip [mm], and "tip_percent", the same of the
-        largest displacement there [%], None where it does not move.
+        largest displacement there [%], None where it does not move or there is no base line, whose end it is.
         """
-        length, tip = np.linalg.norm(self.error_mm, axis=2), self.snapshots.domain.base[-1]
-        unseen, tip_mm = length[self.unseen], float(length[:, tip].max())
-        moved = float(np.linalg.norm(self.snapshots.displacements[:, tip], axis=1).max())
+        length, tip = np.linalg.norm(self.error_mm, axis=2), self.snapshots.domain.base[-1:]
+        unseen, tip_mm = length[self.unseen], float(length[:, tip].max(initial=0.0))
+        moved = float(np.linalg.norm(self.snapshots.displacements[:, tip], axis=2).max(initial=0.0))
         return {
             "rms_mm": float(np.sqrt((unseen**2).mean())),
-            "tip_mm": tip_mm,
+            "tip_mm": tip_mm if len(tip) else None,
             "tip_percent": 100 * tip_mm / moved if moved else None,
             "largest_mm": float(unseen.max()),
         }
@@ -83,16 +85,16 @@ class Comparison:
         """Mean squared error of each component over the points that a search selects by [mm²]; None without any."""
         if not len(self.selection):
             return None
-        x, z = (self.error_mm.reshape(-1, 2)[self.selection] ** 2).mean(axis=0)
-        return {"x": float(x), "z": float(z)}
+        errors_mm = self.error_mm.reshape(-1, self.error_mm.shape[2])
+        return self._by_axis((errors_mm[self.selection] ** 2).mean(axis=0))
 
     def error_bar(self) -> dict[str, float] | None:
         """Share of the unseen points whose error the bar covers, by component, and the bar's median [mm]."""
         if self.bars_mm is None:
             return None
         bars = self.bars_mm[self.unseen]
-        x, z = (np.abs(self.error_mm[self.unseen]) <= bars[:, None]).mean(axis=0)
-        return {"covered_x": float(x), "covered_z": float(z), "median_mm": float(np.median(bars))}
+        covered = self._by_axis((np.abs(self.error_mm[self.unseen]) <= bars[:, None]).mean(axis=0))
+        return {**{f"covered_{axis}": share for axis, share in covered.items()}, "median_mm": float(np.median(bars))}
 
     def by_pressure(self) -> list[dict[str, Any]]:
         """Errors of each snapshot over its unseen points.
@@ -107,12 +109,11 @@ class Comparison:
             # a snapshot that was trained on as a whole has no unseen points: its training errors stand in
             which = unseen if unseen.any() else np.ones_like(unseen)
             judged = error[which]
-            x, z = (judged**2).mean(axis=0)
+            mse = self._by_axis((judged**2).mean(axis=0))
             rows.append({
                 "kpa": float(kpa),
                 "seen": bool(seen),
-                "mse_x_mm2": float(x),
-                "mse_z_mm2": float(z),
+                **{f"mse_{axis}_mm2": value for axis, value in mse.items()},
                 "max_abs_mm": float(np.abs(judged).max()),
                 "covered": None if bar is None else float((np.abs(judged) <= bar[which, None]).mean()),
             })  # fmt: skip
@@ -121,15 +122,19 @@ class Comparison:
     def extremes_mm(self) -> dict[str, dict[str, list[float]]]:
         """Least and greatest displacement at the highest pressure, simulated and predicted [mm]."""
         return {
-            who: {axis: [float(u[:, i].min()), float(u[:, i].max())] for i, axis in enumerate("xz")}
+            who: {
+                axis: [float(u[:, i].min()), float(u[:, i].max())] for i, axis in enumerate(self.snapshots.domain.axes)
+            }
             for who, u in (("fem", self.snapshots.displacements[-1]), ("surrogate", self.predicted_mm[-1]))
         }
 
     def base_lines_mm(self, snapshot: int) -> tuple[Floats, Floats]:
-        """Deformed base lines (B, 2) of simulation and surrogate [mm]."""
+        """X and z of the deformed base lines (B, 2) of simulation and surrogate [mm]."""
         base = self.snapshots.domain.base
         line = self.snapshots.domain.points_mm[base]
-        return line + self.snapshots.displacements[snapshot, base], line + self.predicted_mm[snapshot, base]
+        fields = self.snapshots.displacements, self.predicted_mm
+        fem, surrogate = ((line + field[snapshot, base])[:, [0, -1]] for field in fields)
+        return fem, surrogate
 
     def curvature(self) -> list[dict[str, float]]:
         """Mean curvature of the base line by pressure and the distance between the two base lines."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.assessment.comparison import Comparison
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.plotting import from_the_side
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +25,6 @@ STYLE: Any = {
     "legend.edgecolor": "0.8",
     "savefig.dpi": 200,
 }
-COMPONENTS = (("x", "$u_x$"), ("z", "$u_z$"))
 TRAINED = "0.75"  # grey of the training range
 WIDTH = 9.0  # of figures that take a whole page [inches]
 SLENDER = 1.6  # times as wide as high: panels stand below each other, else side by side
@@ -55,7 +55,7 @@ def draw(
     import matplotlib
 
     figures = {
-        **{f"field_{axis}": _field_figure(comparison, i) for i, (axis, _) in enumerate(COMPONENTS)},
+        **{f"field_{axis}": _field_figure(comparison, i) for i, axis in enumerate(comparison.snapshots.domain.axes)},
         "base_lines": _base_lines(comparison, highlights),
         "mse_over_pressure": _mse_over_pressure(comparison),
         **({"loss_history": _loss_history(history, units)} if history else {}),
@@ -82,7 +82,8 @@ def _field_figure(comparison: Comparison, component: int) -> Callable[[], Figure
     """One component at the highest pressure: simulation, surrogate and difference (the paper's Figs. 4, 5, 9)."""
 
     def build() -> Figure:
-        snapshots, symbol = comparison.snapshots, COMPONENTS[component][1]
+        snapshots, symbol = comparison.snapshots, f"$u_{comparison.snapshots.domain.axes[component]}$"
+        triangles, plane = from_the_side(snapshots.domain), [0, -1]  # x and z
         fem, predicted = snapshots.displacements[-1], comparison.predicted_mm[-1]
         error = comparison.error_mm[-1, :, component]
         both = fem[:, component], predicted[:, component]
@@ -93,16 +94,14 @@ def _field_figure(comparison: Comparison, component: int) -> Callable[[], Figure
             ("surrogate", predicted, both[1], symbol, "viridis", (low, high)),
             ("surrogate − FEM", fem, error, f"Δ{symbol}", "RdBu_r", (-bound, bound)),
         )
-        width, height = np.ptp(snapshots.domain.points_mm + fem, axis=0)
+        width, height = np.ptp((snapshots.domain.points_mm + fem)[:, plane], axis=0)
         slender = width > SLENDER * height
         rows, columns, beside = (3, 1, 0.7) if slender else (1, 3, 1.6)  # inches for title and colour bar
         panel = 0.8 * WIDTH / columns * height / width
         figure, axes = _new(rows, columns, WIDTH, rows * (panel + beside), sharex=True, sharey=True)
         for axis, (title, shift, values, label, colours, (least, most)) in zip(axes, panels, strict=True):
-            x, z = (snapshots.domain.points_mm + shift).T
-            shown = axis.tripcolor(
-                x, z, snapshots.domain.cells, values, shading="gouraud", cmap=colours, vmin=least, vmax=most
-            )
+            x, z = (snapshots.domain.points_mm + shift)[:, plane].T
+            shown = axis.tripcolor(x, z, triangles, values, shading="gouraud", cmap=colours, vmin=least, vmax=most)
             bar = figure.colorbar(shown, ax=axis, label=f"{label} [mm]", location="right" if slender else "bottom")
             bar.ax.locator_params(nbins=4)
             bar.ax.ticklabel_format(scilimits=(-3, 4))
@@ -152,8 +151,8 @@ def _mse_over_pressure(comparison: Comparison) -> Callable[[], Figure]:
         rows = comparison.by_pressure()
         kpa = np.array([row["kpa"] for row in rows])
         figure, axis = _new(1, 1, 6.5, 4)
-        for (component, symbol), line in zip(COMPONENTS, ("-", "--"), strict=True):
-            axis.semilogy(kpa, [row[f"mse_{component}_mm2"] ** 0.5 for row in rows], line, label=symbol)
+        for component, line in zip(comparison.snapshots.domain.axes, ("-", "--", ":"), strict=False):
+            axis.semilogy(kpa, [row[f"mse_{component}_mm2"] ** 0.5 for row in rows], line, label=f"$u_{component}$")
         _mark_training(axis, kpa, comparison.seen_snapshots())
         axis.set(xlabel="pressure [kPa]", ylabel="RMS error over unseen points [mm]", xlim=(0, kpa[-1]))
         axis.secondary_yaxis("right", functions=(np.square, np.sqrt)).set_ylabel("mean squared error [mm²]")

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 def residuals(
     losses: Mapping[str, Loss], scene: Scene, snapshots: Dataset, predicted_mm: Floats, which: NDArray[np.int64]
 ) -> dict[str, dict[str, float]]:
-    """Unweighted terms, for both fields from their values at the points of the face and by the same formulas.
+    """Unweighted terms, for both fields from their values at the points of the domain and by the same formulas.
 
     What a term makes of the simulated displacement is its floor: a surrogate that is pushed below it is pushed away
     from the truth. Where the floor is above what the term makes of no displacement at all, the term draws to rest.
@@ -34,7 +34,7 @@ def residuals(
     snapshots
         The simulation.
     predicted_mm
-        (P, N, 2), the surrogate's displacements [mm].
+        (P, N, d), the surrogate's displacements [mm].
     which
         Indices of the snapshots over which the terms are averaged.
 
@@ -42,13 +42,13 @@ def residuals(
     -------
     For each term "fem", "surrogate" and "rest" (no displacement), each in the term's own unit.
     """
-    body = Triangulation(snapshots.domain.points_mm, snapshots.domain.cells)
+    body = Triangulation.of(snapshots.domain)
     rest = np.zeros_like(predicted_mm)
     fields = {"fem": snapshots.displacements, "surrogate": predicted_mm, "rest": rest}
     found: dict[str, dict[str, float]] = {}
     for name, loss in losses.items():
         own = loss.own_points(scene)
-        placed = None if own is None else body.locate(own[0])  # None: at the points of the face
+        placed = None if own is None else body.locate(own[0])  # None: at the points of the domain
         matrices = body.derivatives[: ROWS[loss.order] - 1] if loss.order else []
         found[name] = dict.fromkeys(fields, 0.0)
         for who, field in fields.items():

@@ -54,23 +54,26 @@ def _errors(metrics: dict[str, Any], highlights: NDArray[np.int64], paper: Publi
     scene = f"{metrics['finger']}, split {metrics['split']}, model {metrics['model']}"
     table = Table(title=f"{scene}: MSE over unseen points")
     theirs = ["paper"] if paper.mse_mm2 else []
-    for heading in ("pressure [kPa]", "trained on", "x [mm²]", *theirs, "z [mm²]", *theirs, "max |error| [mm]"):
+    of_errors = [heading for axis in metrics["mse_mm2"] for heading in (f"{axis} [mm²]", *theirs)]
+    for heading in ("pressure [kPa]", "trained on", *of_errors, "max |error| [mm]"):
         table.add_column(Text(heading), justify="right")  # as text: units in brackets would be read as markup
 
-    def add(kpa: str, seen: str, x: float, z: float, most: float, known: tuple[str, str] = ("–", "–")) -> None:
-        paper_x, paper_z = ([text] if theirs else [] for text in known)
-        table.add_row(kpa, seen, f"{x:.2e}", *paper_x, f"{z:.2e}", *paper_z, f"{most:.3g}")
+    def add(kpa: str, seen: str, mse: list[float], most: float, known: tuple[str, ...] = ("–", "–")) -> None:
+        texts = [f"{value:.2e}" for value in mse]
+        if theirs:
+            texts = [text for pair in zip(texts, known, strict=True) for text in pair]
+        table.add_row(kpa, seen, *texts, f"{most:.3g}")
 
     highest = metrics["by_pressure"][-1]["kpa"]
     for snapshot in highlights:
         row = metrics["by_pressure"][snapshot]
         share = row["kpa"] / highest
         known = next((texts for each, texts in paper.mse_mm2.items() if abs(share - each) < 5e-3), ("–", "–"))
-        errors = row["mse_x_mm2"], row["mse_z_mm2"], row["max_abs_mm"]
-        add(f"{row['kpa']:g}", "yes" if row["seen"] else "no", *errors, known)
+        mse = [row[f"mse_{axis}_mm2"] for axis in metrics["mse_mm2"]]
+        add(f"{row['kpa']:g}", "yes" if row["seen"] else "no", mse, row["max_abs_mm"], known)
     table.add_section()
-    mse, most = metrics["mse_mm2"], max(row["max_abs_mm"] for row in metrics["by_pressure"])
-    add("all", "", mse["x"], mse["z"], most)
+    most = max(row["max_abs_mm"] for row in metrics["by_pressure"])
+    add("all", "", [*metrics["mse_mm2"].values()], most)
     return table
 
 
@@ -80,20 +83,23 @@ def _beside(metrics: dict[str, Any], highlights: NDArray[np.int64]) -> Table:
     title = [f"in its error bar (median {bars['median_mm']:.1e} mm)"] if bars else []
     title += [f"yardstick {yardstick['model']}, trained in {yardstick['seconds']:.1f} s"] if yardstick else []
     table = Table(title=f"The same points: {'; '.join(title)}")
-    for heading in ("pressure [kPa]", "in error bar", "yardstick's x [mm²]", "z [mm²]", "max |error| [mm]"):
+    axes = [*metrics["mse_mm2"]]
+    first, *others = (f"{axis} [mm²]" for axis in axes)
+    for heading in ("pressure [kPa]", "in error bar", f"yardstick's {first}", *others, "max |error| [mm]"):
         table.add_column(Text(heading), justify="right")
 
-    def add(kpa: str, covered: float | None, errors: list[float]) -> None:
-        numbers = (f"{errors[0]:.2e}", f"{errors[1]:.2e}", f"{errors[2]:.3g}") if errors else ("–", "–", "–")
+    def add(kpa: str, covered: float | None, errors: list[Any]) -> None:
+        *mse, most = errors or [None] * (len(axes) + 1)
+        numbers = [*("–" if value is None else f"{value:.2e}" for value in mse), "–" if most is None else f"{most:.3g}"]
         table.add_row(kpa, "–" if covered is None else f"{covered:.1%}", *numbers)
 
     rows = yardstick["by_pressure"] if yardstick else []
     for snapshot in highlights:
         own = metrics["by_pressure"][snapshot]
-        names = ("mse_x_mm2", "mse_z_mm2", "max_abs_mm")
+        names = (*(f"mse_{axis}_mm2" for axis in axes), "max_abs_mm")
         add(f"{own['kpa']:g}", own["covered"], [rows[snapshot][name] for name in names] if rows else [])
     table.add_section()
-    covered = (bars["covered_x"] + bars["covered_z"]) / 2 if bars else None
+    covered = sum(bars[f"covered_{axis}"] for axis in axes) / len(axes) if bars else None
     most = max((row["max_abs_mm"] for row in rows), default=0.0)
     add("all", covered, [*yardstick["mse_mm2"].values(), most] if yardstick else [])
     return table
@@ -121,7 +127,7 @@ def _extremes(metrics: dict[str, Any], paper: Published) -> Table:
     shown = {heading: extremes for heading, extremes in columns.items() if extremes}
     for heading in ("", *shown):
         table.add_column(Text(heading), justify="right")
-    for axis in "xz":
+    for axis in ours["fem"]:
         table.add_row(f"u_{axis}", *(_range(extremes.get(axis)) for extremes in shown.values()))
     return table
 

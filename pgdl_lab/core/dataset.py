@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.heard import WARNINGS
 from pgdl_lab.core.inputs import Cases, Input, unit_of
-from pgdl_lab.core.plotting import picture, plot_face
+from pgdl_lab.core.plotting import picture, plot_side
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,9 +38,11 @@ class Dataset:
     cases
         The inputs, their values in the C cases, and which simulation each comes from.
     fields
-        (C, N, k) float64 by name; "displacement_mm" is always there.
+        (C, N, k) float64 by name; "displacement_mm" is always there, and of a body that was followed along its load
+        "tangent_mm_per_kpa".
     body
-        The whole body at the equilibria that were solved for; None where the model has no body.
+        The whole body at the equilibria that were solved for, with the same provenance; None where the model has no
+        body.
     provenance
         Finger, mesh, material, solver, versions: everything needed to say where the numbers come from (JSON types
         only); "warnings" are sentences on what may be wrong with them.
@@ -51,6 +53,10 @@ class Dataset:
     fields: Mapping[str, NDArray[np.float64]]
     body: Dataset | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.body is not None:  # one dictionary, so that what is added later is known of both
+            object.__setattr__(self, "body", replace(self.body, provenance=self.provenance))
 
     @classmethod
     def path(
@@ -132,7 +138,7 @@ class Dataset:
     def __repr__(self) -> str:
         cases, points = self.displacements.shape[:2]
         fem = self.provenance.get("fem", {}).get("name", "unknown elements")
-        of = "its side face" if self.domain.points_mm.shape[1] == 2 else "its body"
+        of = "its body" if self.domain.is_body else "its side face"
         return (
             f"<Dataset of {self._finger} by {fem}: {points:,} points of {of} at {cases} pressures up to "
             f"{self.pressures_kpa.max(initial=0.0):g} kPa>"
@@ -141,12 +147,10 @@ class Dataset:
     def _repr_html_(self) -> str:
         """A sentence and a picture, for notebooks."""
         told = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in [repr(self)[1:-1], *self.warnings])
-        if self.domain.points_mm.shape[1] != 2:
-            return told
-        return told + picture(lambda axes: self.plot(float(self.pressures_kpa[-1]), axes), "the bent side face")
+        return told + picture(lambda axes: self.plot(float(self.pressures_kpa[-1]), axes), "the bent finger")
 
     def plot(self, pressure_kpa: float, axes: Axes | None = None) -> Axes:
-        """Draw the bent side face over its shape at rest.
+        """Draw the bent side face, or the body from the side, over its shape at rest.
 
         Parameters
         ----------
@@ -158,18 +162,15 @@ class Dataset:
         Raises
         ------
         InputError
-            When the pressure lies outside those of the dataset, or it is that of a whole body.
+            When the pressure lies outside those of the dataset.
         """
         known = self.pressures_kpa
-        if self.domain.points_mm.shape[1] != 2:
-            raise InputError("A whole body is not drawn here: task=simulate writes it for ParaView.")
         if not 0 <= pressure_kpa <= known.max():
             raise InputError(
                 f"pressure_kpa is {pressure_kpa:g}; this dataset goes from {known.min():g} to {known.max():g} kPa."
             )
         nearest = int(np.abs(known - pressure_kpa).argmin())
-        domain, title = self.domain, f"{self._finger} at {known[nearest]:g} kPa"
-        return plot_face(domain.points_mm, domain.cells, domain.base, self.displacements[nearest], title, axes)
+        return plot_side(self.domain, self.displacements[nearest], f"{self._finger} at {known[nearest]:g} kPa", axes)
 
     def save(self, path: str | Path) -> None:
         """Write an HDF5 file; `path` appears only when the file is whole."""
@@ -209,7 +210,7 @@ class Dataset:
             "cases": self.cases.values,
             "simulation": self.cases.simulation,
             "fields": dict(self.fields),
-            **({} if self.body is None else {"body": self.body._tree()}),
+            **({} if self.body is None else {"body": {**self.body._tree(), "provenance": {}}}),
         }
 
     @classmethod

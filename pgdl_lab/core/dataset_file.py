@@ -22,6 +22,7 @@ from pgdl_lab.core.inputs import pressure
 FORMAT = "pgdl_lab dataset"
 VERSION = 2
 DISPLACEMENT = "displacement_mm"  # the field that every dataset has
+TANGENT = "tangent_mm_per_kpa"  # its derivative by the pressure, where the equilibria were solved for
 FORMAT_1 = "pgdl_lab snapshots"  # of version 1: the side face at rising pressures
 DTYPES = (np.float64, np.int64)
 BUSY_S = 10.0  # for which another program may write to a file

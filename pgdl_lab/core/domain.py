@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pgdl_lab.core.simplices import Floats, Ints, SimplexMesh
+from pgdl_lab.core.simplices import AXES, Floats, Ints, SimplexMesh
 
 NONE: Ints = np.empty(0, dtype=np.int64)
 
@@ -65,7 +65,18 @@ class Domain:
     def mesh(self) -> SimplexMesh:
         """The simplices between its points."""
         parts = PARTS[self.cell_type]
-        return SimplexMesh(self.points_mm, self.cells[:, parts].reshape(-1, parts.shape[1]))
+        simplices = np.ascontiguousarray(self.cells[:, parts]).reshape(-1, parts.shape[1])
+        return SimplexMesh(self.points_mm, simplices)
+
+    @property
+    def axes(self) -> str:
+        """Names of the coordinates: "xz" of a face, "xyz" of a body."""
+        return AXES[self.points_mm.shape[1]]
+
+    @property
+    def is_body(self) -> bool:
+        """Whether it is a body in space, not a face."""
+        return self.points_mm.shape[1] == 3
 
     @property
     def tip_mm(self) -> Floats:

@@ -1,4 +1,4 @@
-"""Pictures of a finger for a notebook: the bent side face, coloured by how far its points move."""
+"""Pictures of a finger for a notebook, from its side: the bent face or body, coloured by how far its points move."""
 
 from __future__ import annotations
 
@@ -13,21 +13,33 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from pgdl_lab.core.domain import Domain
 
-def plot_face(
-    points_mm: NDArray[np.float64], triangles: NDArray[np.int64], base: NDArray[np.int64],
-    moved_mm: NDArray[np.float64], title: str, axes: Axes | None = None,
-) -> Axes:  # fmt: skip
-    """Draw a bent side face over its shape at rest.
+FACING = 0.5  # y of the unit normal from which on a facet is seen
+
+
+def from_the_side(domain: Domain) -> NDArray[np.int64]:
+    """Triangles (T, 3) that one sees of a domain from the side: all of a face; of a body those that look to +y."""
+    if not domain.is_body:
+        return domain.mesh.simplices
+    outline = domain.mesh.outline
+    a, b, c, inside = np.moveaxis(domain.points_mm[outline], 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal *= np.sign(((a - inside) * normal).sum(axis=1))[:, None]
+    seen = normal[:, 1] > FACING * np.linalg.norm(normal, axis=1)
+    depth = domain.points_mm[outline[seen, :3], 1].mean(axis=1)
+    return outline[seen, :3][depth.argsort(kind="stable")]  # the nearest last, over the others
+
+
+def plot_side(domain: Domain, moved_mm: NDArray[np.float64], title: str, axes: Axes | None = None) -> Axes:
+    """Draw a bent face or body over its shape at rest, from the side.
 
     Parameters
     ----------
-    points_mm, triangles
-        Points (N, 2) at rest [mm] and a triangulation (T, 3) on them.
-    base
-        (B,), points of the base line.
+    domain
+        The face or the body at rest.
     moved_mm
-        (N, 2), displacements of the points [mm].
+        (N, d), displacements of its points [mm].
     axes
         Where to draw, by default in a new figure of pyplot.
     """
@@ -35,11 +47,12 @@ def plot_face(
         from matplotlib import pyplot
 
         axes = pyplot.subplots(figsize=(7, 3.5), layout="constrained")[1]
-    x, z = (points_mm + moved_mm).T
-    axes.triplot(points_mm[:, 0], points_mm[:, 1], triangles, color="0.88", linewidth=0.4, zorder=0)
+    triangles, plane = from_the_side(domain), [0, -1]  # x and z
+    at_rest, (x, z) = domain.points_mm[:, plane], (domain.points_mm + moved_mm)[:, plane].T
+    axes.triplot(at_rest[:, 0], at_rest[:, 1], triangles, color="0.88", linewidth=0.4, zorder=0)
     size = np.linalg.norm(moved_mm, axis=1)
     bent = axes.tripcolor(x, z, size, triangles=triangles, shading="gouraud")
-    axes.plot(x[base], z[base], color="white", linewidth=1.2)
+    axes.plot(x[domain.base], z[domain.base], color="white", linewidth=1.2)
     axes.figure.colorbar(bent, ax=axes, label="displacement [mm]")
     axes.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal", title=title)
     return axes

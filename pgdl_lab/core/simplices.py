@@ -16,6 +16,9 @@ Ints = NDArray[np.int64]
 ROUNDING = 1e-9  # a weight may be that far below 0 on an inner facet
 OFF_BODY = 1e-3  # points may lie off the body by this share of its diagonal, as rounding puts them there
 UNCOUNTED = 2**63
+AXES = {2: "xz", 3: "xyz"}
+"""Names of the coordinates, and of the components of a displacement, by the number of dimensions."""
+AT_ONCE = 2**14  # points that are located at once: each is compared with all simplices near it
 PAIRS = 2**22  # of a point off the body and a facet that are compared at once
 
 
@@ -44,6 +47,10 @@ class SimplexMesh:
 
         A point off the body gets those of the nearest point of its outline.
         """
+        if len(points_mm) > AT_ONCE:
+            parts = [self.locate(points_mm[start : start + AT_ONCE]) for start in range(0, len(points_mm), AT_ONCE)]
+            corners, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+            return corners, weights
         origin_mm, cell_mm, table = self.grid
         place = np.floor((points_mm - origin_mm) / cell_mm)
         beyond: NDArray[np.bool_] = np.any((place < 0) | (place >= np.array(table.shape[:-1])), axis=1)
@@ -180,6 +187,12 @@ class SimplexMesh:
         corners[here], weights[here] = self.outline[best], 0.0
         weights[here[:, None], places[1:]] = share[:, nearer, best].T
         weights[here, places[0]] = 1 - share[:, nearer, best].sum(axis=0)
+
+
+def place(point_mm: Floats, digits: str = "") -> str:
+    """A point (d,) in words, such as "x = 3, z = 4 mm", with as many `digits` as a format says."""
+    axes = AXES[len(point_mm)]
+    return ", ".join(f"{axis} = {float(value):{digits}g}" for axis, value in zip(axes, point_mm, strict=True)) + " mm"
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -16,7 +16,7 @@ from pgdl_lab.surrogate.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 Predict = Callable[[Floats, Floats], Floats]
-"""Displacements (P, N, 2) [mm] from points (N, 2) [mm] and pressures (P,) [kPa]."""
+"""Displacements (P, N, d) [mm] from points (N, d) [mm] and pressures (P,) [kPa]."""
 
 BATCHES, BATCH = 100, 100  # pressures, and points at each of them
 TOLERANCE_MM = {"float64": 1e-9, "float32": 1e-3}  # rounding of sums of some 100 mm, through a dozen layers
@@ -70,7 +70,7 @@ def export(surrogate: Surrogate, folder: Path) -> Iterator[Form | InputError]:
 
 
 def random_queries(surrogate: Surrogate) -> Iterator[tuple[Floats, Any]]:
-    """Points (100, 2) [mm], even over the body, and a pressure (1,) [kPa] or a case of all inputs, 100 times."""
+    """Points (100, d) [mm], even over the body, and a pressure (1,) [kPa] or a case of all inputs, 100 times."""
     rng = np.random.default_rng(0)
     mesh = surrogate.domain.mesh
     corners = mesh.points_mm[mesh.simplices]
@@ -78,7 +78,7 @@ def random_queries(surrogate: Surrogate) -> Iterator[tuple[Floats, Any]]:
     area = np.abs(np.linalg.det(legs))
     for _ in range(BATCHES):
         chosen = rng.choice(len(corners), BATCH, p=area / area.sum())
-        points = np.einsum("nc,nci->ni", rng.dirichlet(np.ones(3), BATCH), corners[chosen])
+        points = np.einsum("nc,nci->ni", rng.dirichlet(np.ones(corners.shape[1]), BATCH), corners[chosen])
         case = {limit.name: rng.uniform(limit.trained.low, limit.trained.high, 1) for limit in surrogate.limits}
         yield points, case if len(case) > 1 else case[surrogate.inputs[0]]
 
@@ -105,7 +105,7 @@ def _program(surrogate: Surrogate, folder: Path) -> tuple[Path, Predict]:
     from pgdl_lab.export.torch_form import graph_of, program_of, quiet, write_program
 
     path = folder / "surrogate.pt2"
-    write_program(program_of(graph_of(surrogate)), path)
+    write_program(program_of(graph_of(surrogate), surrogate.dimension), path)
     with quiet():
         module = torch.export.load(path).module()
 
@@ -120,7 +120,7 @@ def _onnx(surrogate: Surrogate, folder: Path) -> tuple[Path, Predict]:
     from pgdl_lab.export.torch_form import graph_of, program_of, write_onnx
 
     path = folder / "surrogate.onnx"
-    write_onnx(program_of(graph_of(surrogate)), path)
+    write_onnx(program_of(graph_of(surrogate), surrogate.dimension), path)
     return path, read_onnx(path)
 
 

@@ -27,7 +27,7 @@ ARGUMENTS = ("points_mm", "pressure_kpa")
 
 
 class Graph(nn.Module):
-    """Displacements (P, N, 2) float64 [mm] of points (N, 2) float64 [mm] at pressures (P,) float64 [kPa].
+    """Displacements (P, N, d) float64 [mm] of points (N, d) float64 [mm] at pressures (P,) float64 [kPa].
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Allowed(Graph):
 
 
 class Interpolation(nn.Module):
-    """Nodal values (M, …) of a face, linearly interpolated; NaN off the body.
+    """Nodal values (M, …) of a face or body, linearly interpolated; NaN off the body.
 
     Parameters
     ----------
@@ -86,14 +86,13 @@ class Interpolation(nn.Module):
 
     def forward(self, points_mm: Tensor, nodal: Tensor) -> Tensor:
         place = torch.floor((points_mm - self.origin_mm) / self.cell_mm)
-        row = place[:, 0].clamp(0, self.table.shape[0] - 1).long()
-        column = place[:, 1].clamp(0, self.table.shape[1] - 1).long()
-        candidates = self.table[row, column]  # −1 is the last triangle, which a point may be in or not, as any other
+        cells = [place[:, axis].clamp(0, cells - 1).long() for axis, cells in enumerate(self.table.shape[:-1])]
+        candidates = self.table[tuple(cells)]  # −1 is the last simplex, which a point may be in or not, as any other
         offset = (points_mm[:, None] - self.first_mm[candidates])[..., None, :]
         later = (offset * self.slopes[candidates]).sum(dim=-1)
         weights = torch.cat([1 - later.sum(dim=-1, keepdim=True), later], dim=-1)
         best = weights.amin(dim=-1).argmax(dim=1, keepdim=True)
-        weights = torch.gather(weights, 1, best[..., None].expand(-1, 1, 3))[:, 0]
+        weights = torch.gather(weights, 1, best[..., None].expand(-1, 1, weights.shape[2]))[:, 0]
         corners = self.triangles[torch.gather(candidates, 1, best)[:, 0]]
         values = (weights.clamp(min=0)[..., None] * nodal[corners]).sum(dim=1)
         return torch.where(weights.amin(dim=1, keepdim=True) < ON_BODY, torch.nan, values)
@@ -110,15 +109,16 @@ class NodalGraph(Graph):
         state = surrogate.state()
         self.interpolation = Interpolation(SimplexMesh(state["points_mm"], state["triangles"]))
         self.basis = Basis.restored(state, len(state["amplitudes"]))
+        self.dimension = surrogate.dimension
         self.register_buffer("modes", torch.from_numpy(state["modes"]).flatten(1))
         self.register_buffer("amplitudes_mm", torch.from_numpy(state["amplitudes"]))
 
     def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
-        local = self.interpolation(points_mm, self.modes).unflatten(1, (-1, 2))
+        local = self.interpolation(points_mm, self.modes).unflatten(1, (-1, self.dimension))
         flat = (
             torch.stack(self.basis.terms([pressure_kpa]), dim=1) @ self.amplitudes_mm @ local.transpose(0, 1).flatten(1)
         )
-        return flat.unflatten(1, (-1, 2))
+        return flat.unflatten(1, (-1, self.dimension))
 
 
 class PlaneGraph(Graph):
@@ -131,7 +131,7 @@ class PlaneGraph(Graph):
     def forward(self, points_mm: Tensor, pressure_kpa: Tensor) -> Tensor:
         pressures, points = pressure_kpa.shape[0], points_mm.shape[0]
         inputs = torch.cat(
-            [points_mm.expand(pressures, points, 2), pressure_kpa[:, None, None].expand(pressures, points, 1)], dim=2
+            [points_mm.expand(pressures, points, -1), pressure_kpa[:, None, None].expand(pressures, points, 1)], dim=2
         )
         return self.layers(inputs.to(self.dtype)).double()
 
@@ -177,9 +177,9 @@ def _any_pressure(surrogate: Surrogate) -> Graph:
     raise InputError(f"Model {surrogate.model['name']} cannot be exported as a graph: use its surrogate.pt.")
 
 
-def program_of(graph: Graph) -> torch.export.ExportedProgram:
-    """The exported program, with any number of points and of pressures."""
-    points, pressures = torch.zeros(3, 2, dtype=torch.double), torch.zeros(2, dtype=torch.double)
+def program_of(graph: Graph, dimension: int = 2) -> torch.export.ExportedProgram:
+    """The exported program, with any number of points (N, `dimension`) and of pressures."""
+    points, pressures = torch.zeros(3, dimension, dtype=torch.double), torch.zeros(2, dtype=torch.double)
     sizes = {"points_mm": {0: Dim("points", min=1)}, "pressure_kpa": {0: Dim("pressures", min=1)}}
     return torch.export.export(graph, (points, pressures), dynamic_shapes=sizes)
 
@@ -191,7 +191,7 @@ def write_program(program: torch.export.ExportedProgram, path: Path) -> None:
 
 
 def write_onnx(program: torch.export.ExportedProgram, path: Path) -> None:
-    """Write an ONNX file: inputs "points_mm" (N, 2) and "pressure_kpa" (P,), output "displacement_mm" (P, N, 2).
+    """Write an ONNX file: inputs "points_mm" (N, d) and "pressure_kpa" (P,), output "displacement_mm" (P, N, d).
 
     Raises
     ------

@@ -40,7 +40,7 @@ def compressed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     most_mm = scale * min(float(state["noise_mm"]), LEFT_OUT * deviation_mm)
     count = max(1, int((rest_mm > most_mm).sum()))
     size = np.sqrt(coefficients.shape[1])  # modes of unit root mean square: the amplitudes carry the unit
-    kept = size * right[:count].reshape(count, -1, 2).transpose(1, 0, 2)
+    kept = size * right[:count].reshape(count, *modes.shape[::2]).transpose(1, 0, 2)
     amplitudes_mm = np.linalg.solve(root, left[:, :count] * sizes[:count]) / size
     return {**state, "modes": torch.from_numpy(kept.copy()), "amplitudes": torch.from_numpy(amplitudes_mm.copy())}
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.inputs import Cases
+from pgdl_lab.core.simplices import AXES
 from pgdl_lab.learning.balancing import BalancingSettings
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.scene import Scene
@@ -27,11 +28,11 @@ class Samples:
     Attributes
     ----------
     points_mm
-        (n, 2) float64, x and z of the undeformed points [mm].
+        (n, d) float64, x and z of the undeformed points of a face, or x, y and z of a body [mm].
     cases
         The n cases that they were seen in.
     displacements_mm
-        (n, 2) float64, u_x and u_z [mm].
+        (n, d) float64, the components of the displacement [mm].
     """
 
     points_mm: NDArray[np.float64]
@@ -65,8 +66,8 @@ class Samples:
         )
 
     def ranges(self) -> dict[str, list[float]]:
-        """Least and greatest value: "x_mm", "z_mm" and each input, such as "pressure_kpa"."""
-        places = {"x_mm": self.points_mm[:, 0], "z_mm": self.points_mm[:, 1]}
+        """Least and greatest value: "x_mm", of a body "y_mm", "z_mm" and each input, such as "pressure_kpa"."""
+        places = {f"{axis}_mm": self.points_mm[:, i] for i, axis in enumerate(AXES[self.points_mm.shape[1]])}
         known = {name: [float(values.min()), float(values.max())] for name, values in places.items()}
         return known | self.cases.ranges()
 

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.core.heard import WARNINGS, heard
+from pgdl_lab.core.simplices import place
 from pgdl_lab.learning.data import Samples, Training
+from pgdl_lab.learning.in_space import require_in_space
 from pgdl_lab.learning.model import Model
 from pgdl_lab.surrogate.calibration import NORMAL
 from pgdl_lab.surrogate.surrogate import Surrogate
@@ -32,6 +34,8 @@ def trained(model: Model, training: Training) -> Surrogate:
     InputError, TrainingDiverged
         See `Model.fit`.
     """
+    if training.scene.domain.is_body:
+        require_in_space(model, training.losses)
     with heard() as sentences:
         surrogate = model.fit(training)
         _doubt(surrogate, training)
@@ -83,10 +87,9 @@ def _warn_of_holes(surrogate: Surrogate, training: Training) -> None:
         if expected < UNLEARNT:
             return
         told = f"by its own error bars the model errs by some {100 * expected:.2g} % of the displacement there"
-    x, z = body[distance.argmax()]
     _log.warning(
-        "No training point lies within %.2g mm of x = %.3g, z = %.3g mm: %s; train on more points, or on some there.",
-        distance.max(), x, z, told,
+        "No training point lies within %.2g mm of %s: %s; train on more points, or on some there.",
+        distance.max(), place(body[distance.argmax()], ".3"), told,
     )  # fmt: skip
 
 

@@ -44,10 +44,12 @@ class Field(nn.Module, ABC):
         return self.rows(coordinates[:1], cases)[0]
 
     def displacements(self, coordinates: Tensor, cases: Tensor) -> Tensor:
-        """Displacements (P, N, 2) [mm] of all points with coordinates (1, N, F) in all cases (P, D)."""
+        """Displacements (P, N, d) [mm] of all points with coordinates (1, N, F) in all cases (P, D)."""
         count = coordinates.shape[1]
         fields = [self(coordinates, case.expand(count, -1)) for case in cases]
-        return torch.stack(fields) if fields else coordinates.new_empty(0, count, 2)
+        if not fields:
+            return self(coordinates, coordinates.new_zeros(count, cases.shape[1]))[None][:0]
+        return torch.stack(fields)
 
 
 class ReadOutField(Field):
@@ -64,18 +66,18 @@ class ReadOutField(Field):
         """
 
     def beside(self, coordinates: Tensor, cases: Tensor) -> Tensor:
-        """Displacement (n, 2) [mm] that does not come from the last layer, for the same arguments; here none."""
-        return coordinates.new_zeros(coordinates.shape[1], 2)
+        """Displacement (n, d) [mm] that does not come from the last layer, from the same; here none: (n, 1)."""
+        return coordinates.new_zeros(coordinates.shape[1], 1)
 
 
 class PlaneField(ReadOutField):
-    """A network whose inputs are x, z and those of the cases.
+    """A network whose inputs are the place and those of the cases.
 
     Parameters
     ----------
     layers
-        A sequence that ends with a linear layer and an `Affine`. Takes (…, 2 + D): x [mm], z [mm] and the case; gives
-        (…, 2) [mm]. Scaling is part of it, so that every derivative of the field is physical.
+        A sequence that ends with a linear layer and an `Affine`. Takes x, in space y, z [mm] and the case,
+        (…, d + D); gives (…, d) [mm]. Scaling is part of it, so that every derivative of the field is physical.
     dtype
         Type of the weights.
     """
@@ -88,7 +90,7 @@ class PlaneField(ReadOutField):
         self.dtype = dtype
 
     def coordinates(self, points_mm: NDArray[np.float64], order: int) -> Tensor:
-        rows = torch.zeros(ROWS[order], len(points_mm), 2, dtype=self.dtype)
+        rows = torch.zeros(ROWS[order], *points_mm.shape, dtype=self.dtype)
         rows[0] = torch.from_numpy(points_mm)
         if order:
             rows[1, :, 0] = 1  # ∂x/∂x

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.simplices import place
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.surrogate.calibration import Held, Ratios, bar_deviations, wider
 
@@ -29,7 +30,7 @@ STEP = 0.25  # of the width of a gap, by which it is moved along the body to hol
 KEPT = 0.5  # of the samples, at least
 
 Excess = Callable[[Held, Held], Floats]
-"""|error| by its error bar (m, 2): of a fit without the samples held out (n,), at some (n,) of them, in order."""
+"""|error| by its error bar (m, k): of a fit without the samples held out (n,), at some (n,) of them, in order."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,9 @@ class Gap:
     Attributes
     ----------
     body_mm
-        (N, 2), points of the body [mm].
+        (N, d), points of the body [mm].
     known_mm
-        (C, 2), those of them that a model holds exactly [mm].
+        (C, d), those of them that a model holds exactly [mm].
     distance_mm
         (N,), of each from the nearest training point or known one [mm].
     usual_mm
@@ -55,7 +56,7 @@ class Gap:
 
     @classmethod
     def left_by(cls, samples_mm: Floats, body_mm: Floats, known_mm: Floats) -> Gap | None:
-        """The gap that samples at (n, 2) leave; None if there is none."""
+        """The gap that samples at (n, d) leave; None if there is none."""
         from scipy.spatial import cKDTree
 
         places = np.unique(samples_mm, axis=0)
@@ -82,7 +83,7 @@ class Gap:
         width, length = np.ptp(gap_mm[:, 0]) + self.usual_mm, np.ptp(self.body_mm[:, 0])
         for number in range(1, int(length / (STEP * width)) + 1):
             for move_mm in (-STEP * number * width, STEP * number * width):
-                held = cKDTree(gap_mm + [move_mm, 0.0]).query(samples_mm)[0] <= self.usual_mm
+                held = cKDTree(gap_mm + move_mm * np.eye(gap_mm.shape[1])[0]).query(samples_mm)[0] <= self.usual_mm
                 if not held.any() or held.mean() > 1 - KEPT:
                     continue
                 left_mm = np.concatenate([samples_mm[~held], self.known_mm])
@@ -96,11 +97,10 @@ class Gap:
         """What error bars (N,) must be multiplied by in the gap, 1 outside; None, and a warning, if nothing tells."""
         parts = [excess(held, judged) for held, judged in self.blocks(samples_mm)]
         if len(parts) < FEWEST:
-            x, z = self.body_mm[self.distance_mm.argmax()]
             _log.warning(
-                "No training point lies within %.2g mm of x = %.3g, z = %.3g mm, and too few lie elsewhere to tell how "
-                "far the model errs there, so it has no error bars: train on some points there.",
-                self.distance_mm.max(), x, z,
+                "No training point lies within %.2g mm of %s, and too few lie elsewhere to tell how far the model errs "
+                "there, so it has no error bars: train on some points there.",
+                self.distance_mm.max(), place(self.body_mm[self.distance_mm.argmax()], ".3"),
             )  # fmt: skip
             return None
         return np.where(self.far, wider(parts), 1.0)

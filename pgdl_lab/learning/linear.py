@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from contextlib import closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import describe
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
 
+    from pgdl_lab.core.domain import Domain
     from pgdl_lab.learning.data import Samples, Training
     from pgdl_lab.learning.loss import Loss
     from pgdl_lab.learning.separable import SeparableRegression
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
+IN_SPACE = 5  # degree in a whole body: 2e-5 mm RMS from the simulated pneunet, and 69,000 unknowns
 DATA, BOUNDARY = "data", "boundary"  # the terms that a closed form knows
 
 
@@ -38,17 +40,25 @@ class LinearModel(Model):
     Attributes
     ----------
     degree
-        Degree of the polynomials in the pressure; in several inputs together at most that, see `basis_of`.
+        Degree of the polynomials in the pressure, of several inputs together at most that, see `basis_of`; null: 7 on
+        the side face, 5 in a whole body, where each degree more costs much time.
     """
 
-    degree: int = 7
+    in_space: ClassVar[bool] = True
+    on_face: ClassVar[int] = 7
+
+    degree: int | None = None
 
     def __post_init__(self) -> None:
-        if self.degree < 1:
+        if self.degree is not None and self.degree < 1:
             raise InputError(f"model.degree is {self.degree}; it must be at least 1.")
 
     def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
         return left_out(describe(self)["name"], losses, held=(BOUNDARY,), why="")
+
+    def degree_on(self, domain: Domain) -> int:
+        """The degree that is fitted on a domain."""
+        return self.degree or (IN_SPACE if domain.is_body else self.on_face)
 
     @abstractmethod
     def learn(self, regression: SeparableRegression, training: Training) -> Mapping[str, Tensor]:
@@ -61,7 +71,7 @@ class LinearModel(Model):
 
         self.left_out(training.losses)
         with threads(training.trainer.threads):
-            regression, body = regression_of(training, self.degree, training.whole)
+            regression, body = regression_of(training, self.degree_on(training.scene.domain), training.whole)
             with closing(regression):
                 state = compressed({**body, **self.learn(regression, training)})
         record = Record(training.whole.ranges(), dict(training.provenance), domain=training.scene.kept_domain)
@@ -154,10 +164,10 @@ def regression_of(
             f"{degree + 1} coefficients at each place: train on {degree + 1} points at least{lower}."
         )
     basis = basis_of(samples.cases, degree)
-    body = Triangulation(scene.domain.points_mm, scene.domain.cells)
+    body = Triangulation.of(scene.domain)
     clock = Clock(training.trainer.max_seconds, spent_s)
     return SeparableRegression(body, scene.domain.clamp, samples, basis, rough, clock), {
         "points_mm": torch.from_numpy(scene.domain.points_mm),
-        "triangles": torch.from_numpy(scene.domain.cells),
+        "triangles": torch.from_numpy(body.simplices),
         **{name: torch.from_numpy(array) for name, array in basis.state().items()},
     }

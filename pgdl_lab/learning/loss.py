@@ -26,7 +26,8 @@ class Loss(ABC):
 
     A subclass sets `order`, the highest spatial derivative that it needs (0, 1 or 2): the jet of the field is computed
     once per step, to the highest order that any term needs, and shared by all terms at the training points. It sets
-    `one_pressure`, if its own points have to be visited all at the same pressure, and `unit`, for figures and tables.
+    `one_pressure`, if its own points have to be visited all at the same pressure, `unit`, for figures and tables, and
+    `in_space`, if it holds for a whole body too and not for its side face alone.
 
     Attributes
     ----------
@@ -38,6 +39,7 @@ class Loss(ABC):
     order: ClassVar[int] = 0
     one_pressure: ClassVar[bool] = False
     unit: ClassVar[str] = ""
+    in_space: ClassVar[bool] = False
 
     weight: float = 1.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Model(ABC):
-    """A rule that learns a surrogate; its fields are its hyperparameters."""
+    """A rule that learns a surrogate; its fields are its hyperparameters.
+
+    A subclass sets `in_space` if it can learn a whole body, and not only its side face.
+    """
+
+    in_space: ClassVar[bool] = False
 
     def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
         """Terms of the loss that this model cannot use, and why; networks use all.

@@ -104,7 +104,7 @@ def scores_mm(field: ReadOutField, trained: Samples, asked: Samples, rho: float)
 
 @torch.no_grad()
 def _values(part: Callable[[Tensor, Tensor], Tensor], coordinates: Tensor, cases: Floats) -> Floats:
-    """Displacements (n, 2) [mm] of a field or of a part of it, in cases (n, D)."""
+    """Displacements (n, d) [mm] of a field or of a part of it, in cases (n, D)."""
     return part(coordinates, torch.from_numpy(cases).to(coordinates.dtype)).double().numpy()
 
 
@@ -127,7 +127,7 @@ class FieldProbe(Probe):
     field
         The field.
     points_mm
-        (N, 2) [mm].
+        (N, d) [mm].
     """
 
     def __init__(self, field: Field, points_mm: Floats) -> None:
@@ -147,6 +147,6 @@ class FieldProbe(Probe):
         values = torch.from_numpy(np.atleast_1d(np.asarray(case, dtype=np.float64))).to(self._coordinates.dtype)
         cases = values.repeat(self._coordinates.shape[1], 1).requires_grad_()
         field = self._field(self._coordinates, cases)
-        along = [torch.autograd.grad(field[:, i].sum(), cases, retain_graph=i == 0)[0] for i in range(2)]
+        along = [torch.autograd.grad(field[:, i].sum(), cases, retain_graph=True)[0] for i in range(field.shape[1])]
         slopes = torch.stack(along, dim=1).double().numpy()
         return slopes if np.ndim(case) else slopes[..., 0]

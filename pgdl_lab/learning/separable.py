@@ -65,9 +65,9 @@ class Posterior:
     prior
         What was assumed.
     modes
-        (N, K, 2), the mean at the nodes; the prior's amplitudes carry the unit [mm].
+        (N, K, k), the mean at the nodes; the prior's amplitudes carry the unit [mm].
     draws
-        (N, K, S), random draws of the deviation from the mean, which is alike for u_x and u_z.
+        (N, K, S), random draws of the deviation from the mean, which is alike for all k components.
     """
 
     prior: Prior
@@ -76,7 +76,7 @@ class Posterior:
 
 
 def evaluated(nodal: Floats, body: Triangulation, samples: Samples, highest_kpa: float) -> Floats:
-    """Displacements (n, 2) [mm] at the samples of Chebyshev coefficients (N, D, 2) at the nodes, from 0 kPa on [mm]."""
+    """Displacements (n, k) [mm] at the samples of Chebyshev coefficients (N, D, k) at the nodes, from 0 kPa on [mm]."""
     corners, weights = body.locate(samples.points_mm)
     polynomials = Basis.of([(0.0, highest_kpa)], nodal.shape[1] - 1)(samples.cases.values)
     return np.einsum("nc,nd,ncdi->ni", weights, polynomials, nodal[corners], optimize=True)
@@ -87,7 +87,7 @@ class SeparableRegression:
 
     A priori the kinks of the field (see `Triangulation.kinks`) are independent Gaussian variables, each a polynomial in
     the inputs with one covariance K × K for all. That is thin-plate smoothing along the body with its own weight for
-    each mode of the inputs, and the posterior mean is one sparse linear least-squares solve for both components.
+    each mode of the inputs, and the posterior mean is one sparse linear least-squares solve for all components.
     The covariance is learnt by expectation-maximisation (C. Bishop, Pattern Recognition and Machine Learning, 2006,
     section 9.4), and what the data err by from the degrees of freedom that the fit leaves them (D. MacKay, Bayesian
     interpolation, 1992). Its principal axes are the proper orthogonal modes of the field, found from scattered points.
@@ -131,9 +131,9 @@ class SeparableRegression:
             there = np.linalg.norm(body.kinks @ rough.reshape(self.nodes, -1), axis=1)
             self.kinks = sp.diags(1 / np.hypot(1, ROUGH * there / np.sqrt((there**2).mean()))) @ self.kinks
         corners, weights = body.locate(samples.points_mm)
-        row = np.repeat(np.arange(len(corners)), 3)
+        row = np.repeat(np.arange(len(corners)), corners.shape[1])
         hats = sp.csr_matrix((weights.ravel(), (row, corners.ravel())), shape=(len(corners), self.nodes))[:, self.free]
-        hats.data[np.abs(hats.data) < 1e-9] = 0  # a point at a node has one weight, not three
+        hats.data[np.abs(hats.data) < 1e-9] = 0  # a point at a node has one weight, not several
         hats.eliminate_zeros()
         self.hats = hats
         self._solver = symmetric_solver()
@@ -167,7 +167,7 @@ class SeparableRegression:
     ) -> Posterior:
         """Mean and random draws of the field given the samples, or those that are `kept` (n,).
 
-        Where they are given, `targets_mm` (n, 2) stand in for the displacements of the samples.
+        Where they are given, `targets_mm` (n, k) stand in for the displacements of the samples.
 
         A draw of the deviation is the fit to noise of its own (G. Papandreou & A. Yuille, Gaussian sampling by local
         perturbations, 2010).
@@ -184,10 +184,11 @@ class SeparableRegression:
         data = design.T @ (targets_mm / prior.noise_mm)
         self._solver.factorise(sp.triu(normal, format="csr"))
         solution = self._solver.solve(np.concatenate([data, design.T @ noise[0] + kinks.T @ noise[1]], axis=1))
-        everywhere = np.zeros((self.nodes, order, 2 + draws))
+        components = targets_mm.shape[1]
+        everywhere = np.zeros((self.nodes, order, components + draws))
         everywhere[self.free] = solution.reshape(len(self.free), order, -1)
         self._longest_s = max(self._longest_s, self._clock.seconds - began_s)
-        return Posterior(prior, everywhere[..., :2], everywhere[..., 2:])
+        return Posterior(prior, everywhere[..., :components], everywhere[..., components:])
 
     def close(self) -> None:
         """Give back the memory of the factors."""
@@ -204,7 +205,7 @@ class SeparableRegression:
         return sp.csr_matrix((values.ravel(), columns.ravel(), hats.indptr * order), shape=shape)
 
     def at_samples(self, posterior: Posterior) -> tuple[Floats, Floats]:
-        """Mean (n, 2) and draws of the deviation (n, S) at all samples [mm]."""
+        """Mean (n, k) and draws of the deviation (n, S) at all samples [mm]."""
         polynomials = self.polynomials @ posterior.prior.amplitudes
 
         def evaluated(nodal: Floats) -> Floats:
@@ -223,11 +224,12 @@ class SeparableRegression:
             kinks = (self.kinks @ nodal[self.free].reshape(len(self.free), -1)).reshape(-1, order, nodal.shape[2])
             return np.einsum("ekc,elc->kl", kinks, kinks)
 
-        moment = second_moment(posterior.modes) / 2 + second_moment(posterior.draws) / draws
+        components = posterior.modes.shape[2]
+        moment = second_moment(posterior.modes) / components + second_moment(posterior.draws) / draws
         covariance = prior.amplitudes @ moment @ prior.amplitudes.T / len(self.free)
         mean, deviation = self.at_samples(posterior)
         data = self.samples.displacements_mm
         used = (deviation**2).sum(axis=0).mean() / prior.noise_mm**2  # degrees of freedom per component
         left = max(len(data) - used, 1e-2 * len(data))
-        noise_mm = np.sqrt(((mean - data) ** 2).sum() / 2 / left)
+        noise_mm = np.sqrt(((mean - data) ** 2).sum() / components / left)
         return Prior(covariance, max(noise_mm, NOISE_FLOOR * np.sqrt((data**2).mean())))

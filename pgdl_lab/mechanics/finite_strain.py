@@ -199,7 +199,14 @@ class Model:
         matrix = sp.vstack([self.discretisation.basis.probes(part) for part in parts], format="csr")
         return lambda displacement: matrix @ displacement[:, [0, 2]]
 
-    def domain(self) -> Domain:
-        """The mesh, in the order of VTK."""
+    def domain(self, face: Face | None = None) -> Domain:
+        """The mesh, in the order of VTK; its base line is made of the nodes nearest to that of the observed `face`."""
         name, cells = vtk_cells(self.discretisation)
-        return Domain(self.discretisation.positions, cells, name)
+        clamp, base = np.flatnonzero(~self.equilibrium.free.any(axis=1)), np.empty(0, dtype=np.int64)
+        if face is not None:
+            from scipy.spatial import cKDTree
+
+            line = np.insert(face.domain.points_mm, 1, face.y_mm, axis=1)[face.domain.base]
+            nearest = cKDTree(self.discretisation.positions).query(line)[1]
+            base = np.array(list(dict.fromkeys(nearest.tolist())), dtype=np.int64)
+        return Domain(self.discretisation.positions, cells, name, base, clamp)

@@ -2,12 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pgdl_lab.core.dataset import Dataset
+from pgdl_lab.core.dataset_file import DISPLACEMENT, TANGENT
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.mechanics.equilibrium import Equilibrium
 from pgdl_lab.mechanics.finger import Finger
@@ -184,6 +187,11 @@ class History:
     def reached(self, pressures_kpa: Array) -> Array:
         """Those of `pressures_kpa` (P,) [kPa] that the branch reaches."""
         return pressures_kpa[pressures_kpa <= self.reached_kpa * (1 + 1e-12)]
+
+    def body(self, domain: Domain) -> Dataset:
+        """The equilibria and their tangents on the whole body."""
+        fields = {DISPLACEMENT: np.array(self.branch.displacements), TANGENT: np.array(self.branch.slopes)}
+        return replace(Dataset.path(domain, np.array(self.branch.parameters), fields[DISPLACEMENT]), fields=fields)
 
     def at(self, kpa: float) -> Array:
         """Displacement (N, 3) [mm] of all nodes at a pressure [kPa]."""

@@ -21,6 +21,7 @@ from pgdl_lab.core.registry import describe
 from pgdl_lab.mechanics.fem import Fem, SimulationStopped
 from pgdl_lab.mechanics.finger import Finger
 from pgdl_lab.mechanics.resultcheck import doubts
+from pgdl_lab.mechanics.whole_body import observed
 
 _log = logging.getLogger(__name__)
 
@@ -42,7 +43,7 @@ def snapshot_path(folder: Path, finger: Finger, fem: Fem, observation: Observati
         "version": VERSION,
         "finger": describe(finger),
         "fem": describe(fem),
-        "observation": vars(observation).copy(),
+        "observation": {name: value for name, value in vars(observation).items() if name != "of"},  # serves both
         "programs": dict(fem.programs()),
         "code": sources.digest({*_classes(finger), *_classes(fem), doubts}),
         "content": [_hashed(content) for content in finger.content()],
@@ -68,7 +69,7 @@ def _classes(value: Any) -> Iterator[type]:
 
 
 def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Dataset, Path, bool]:
-    """Snapshots of a simulation, from `folder` if they are there, else computed and kept there.
+    """What is observed of a simulation, from `folder` if it is there, else computed and kept there.
 
     Runs that ask for the same simulation at the same time wait for the first of them. What the simulation warned of
     is told each time, and kept with the snapshots.
@@ -84,12 +85,20 @@ def simulate(finger: Finger, fem: Fem, observation: Observation, folder: Path) -
 
     Raises
     ------
+    InputError
+        When the whole body is to be observed, and `fem` has none.
     LabError
         When `folder` cannot be written.
     SimulationStopped
         When the finger cannot bear the highest pressure; what converged is kept in a file of its own, named in the
         message, and found again like all other snapshots.
     """
+    snapshots, path, cached = _simulated(finger, fem, observation, folder)
+    return observed(snapshots, observation), path, cached
+
+
+def _simulated(finger: Finger, fem: Fem, observation: Observation, folder: Path) -> tuple[Dataset, Path, bool]:
+    """As `simulate`, of the side face with the whole body beside it."""
     from filelock import FileLock
 
     path = snapshot_path(folder, finger, fem, observation)

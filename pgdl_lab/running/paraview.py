@@ -1,5 +1,7 @@
-"""Fields for ParaView: the whole body at its equilibria as VTU files in a row, the side face as an XDMF time series."""
+"""Fields for ParaView: the whole body as VTU files in a row, the side face as an XDMF time series."""
 
+import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -9,8 +11,14 @@ from numpy.typing import NDArray
 
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.dataset_file import writing
+from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
+from pgdl_lab.mechanics.derived import Mechanics
 from pgdl_lab.surrogate.surrogate import Surrogate
+
+_log = logging.getLogger(__name__)
+
+Fields = dict[str, NDArray[np.float64]]
 
 
 def write_series(body: Dataset, folder: Path) -> Path:
@@ -21,14 +29,52 @@ def write_series(body: Dataset, folder: Path) -> Path:
     Path
         The PVD file to open.
     """
+    return _series(body, folder, lambda number: ({"displacement_mm": body.displacements[number]}, {}))
+
+
+def write_body(surrogate: Surrogate, body: Dataset, folder: Path) -> Path:
+    """Write what the finite elements and the surrogate say of the whole body, one VTU file per pressure.
+
+    Fields at the nodes are those of `write_face`. Each element has "von_mises_mpa", the mean over it of von Mises'
+    stress at the surrogate's displacement, where the mechanics of the body are known; not a number where that turns an
+    element inside out.
+
+    Returns
+    -------
+    Path
+        The PVD file to open.
+    """
+    fields = _both(surrogate, body)
+    try:
+        mechanics = Mechanics.of(body)
+    except InputError as reason:
+        _log.warning("The files hold no stress: %s", reason)
+        mechanics = None
+
+    def at(number: int) -> tuple[Fields, Fields]:
+        cells: Fields = {}
+        if mechanics is not None:
+            try:
+                stress = mechanics.mean(mechanics.von_mises_mpa(fields["surrogate_mm"][number]))
+            except InputError:
+                stress = np.full(len(body.domain.cells), np.nan)
+            cells = {"von_mises_mpa": stress}
+        return {name: field[number] for name, field in fields.items()}, cells
+
+    return _series(body, folder, at)
+
+
+def _series(body: Dataset, folder: Path, at: Callable[[int], tuple[Fields, Fields]]) -> Path:
+    """Write a VTU file for each case of `body`, with the fields of nodes and of elements that are `at` it."""
     import meshio
 
     folder.mkdir(parents=True, exist_ok=True)
-    entries = []
-    for number, (kpa, displacement) in enumerate(zip(body.pressures_kpa, body.displacements, strict=True)):
+    entries, domain = [], body.domain
+    for number, kpa in enumerate(body.pressures_kpa):
+        nodes, cells = at(number)
         name = f"body_{number:03d}.vtu"
         mesh = meshio.Mesh(
-            body.domain.points_mm, [(body.domain.cell_type, body.domain.cells)], {"displacement_mm": displacement}
+            domain.points_mm, [(domain.cell_type, domain.cells)], nodes, {key: [value] for key, value in cells.items()}
         )
         with replacing(folder / name) as temporary:
             mesh.write(temporary, file_format="vtu")
@@ -43,6 +89,18 @@ def write_series(body: Dataset, folder: Path) -> Path:
     return series
 
 
+def _both(surrogate: Surrogate, data: Dataset) -> Fields:
+    """What finite elements and surrogate say: (P, N, d) [mm], and (P, N) [mm] where there are error bars."""
+    predicted = surrogate.predict(data.domain.points_mm, data.pressures_kpa, beyond=True)
+    bars = surrogate.error_bar(data.domain.points_mm, data.pressures_kpa, beyond=True)
+    return {
+        "fem_mm": data.displacements,
+        "surrogate_mm": predicted,
+        "difference_mm": predicted - data.displacements,
+        **({} if bars is None else {"error_bar_mm": bars}),
+    }
+
+
 def write_face(surrogate: Surrogate, snapshots: Dataset, path: Path) -> None:
     """Write what the finite elements and the surrogate say of the side face, one step per snapshot.
 
@@ -51,14 +109,8 @@ def write_face(surrogate: Surrogate, snapshots: Dataset, path: Path) -> None:
     `path` in an HDF5 file.
     """
     domain = snapshots.domain
-    predicted = surrogate.predict(domain.points_mm, snapshots.pressures_kpa, beyond=True)
-    bars = surrogate.error_bar(domain.points_mm, snapshots.pressures_kpa, beyond=True)
-    fields = {
-        "fem_mm": in_space(snapshots.displacements),
-        "surrogate_mm": in_space(predicted),
-        "difference_mm": in_space(predicted - snapshots.displacements),
-        **({} if bars is None else {"error_bar_mm": bars}),
-    }
+    known = _both(surrogate, snapshots)
+    fields = {name: in_space(field) if field.ndim == 3 else field for name, field in known.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     numbers = path.with_suffix(".h5")
     with writing(numbers) as file:

@@ -10,14 +10,16 @@ from rich.console import Console
 
 from pgdl_lab.assessment import yardstick as yardsticks
 from pgdl_lab.assessment.assess import Labels, assess
-from pgdl_lab.assessment.paper import comparable
+from pgdl_lab.assessment.paper import Published, comparable
 from pgdl_lab.assessment.table import closing_table
 from pgdl_lab.core import paths
 from pgdl_lab.core.errors import LabError
 from pgdl_lab.core.heard import ASIDE
+from pgdl_lab.core.observation import BODY, FACE
 from pgdl_lab.core.registry import describe
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.doubt import trained
+from pgdl_lab.learning.in_space import require_in_space
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.running.cache import simulate
 from pgdl_lab.running.epoch_logger import EpochLogger
@@ -30,8 +32,12 @@ _log = logging.getLogger(__name__)
 
 def check(experiment: Experiment) -> None:
     """Refuse what cannot be trained; raises InputError."""
-    observation = experiment.observation
-    experiment.split.check(observation.cases(experiment.finger.max_kpa), observation.points)
+    observation, split = experiment.observation, experiment.split
+    nodes = observation.points
+    if observation.of == BODY:
+        require_in_space(experiment.model, experiment.loss)
+        nodes = split.points + 1  # the mesh is not made yet: whether it has so many is asked again
+    split.check(observation.cases(experiment.finger.max_kpa), nodes)
     for loss in experiment.loss.values():
         loss.check(experiment.finger)
 
@@ -110,7 +116,7 @@ def run(
         surrogate.save(folder / "surrogate.pt")
     except LabError as problem:  # the one saved before lacks this number alone
         _log.warning("surrogate.pt does not tell its own error: %s", problem, extra=ASIDE)
-    paper = comparable(finger, experiment.split)
+    paper = comparable(finger, experiment.split) if observation.of == FACE else Published()
     Console().print(closing_table(assessment.metrics, assessment.highlights, paper))
     _log.info("Everything of this run is in %s", folder)
     return assessment.metrics

@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pgdl_lab.surrogate.calibration import COVERED
-from pgdl_lab.surrogate.triangulation import Triangulation
+from pgdl_lab.surrogate.triangulation import Triangulation, products
 
 Floats = NDArray[np.float64]
 
 
 def interpolation_bars(body: Triangulation, nodal_mm: Floats, points_mm: Floats) -> Floats:
-    """Bars (P, M) [mm] that cover 95 % of the errors of linear interpolation at points (M, 2) [mm]; zero at the nodes.
+    """Bars (P, M) [mm] that cover 95 % of the errors of linear interpolation at points (M, d) [mm]; zero at the nodes.
 
     At a point x with weights λ_k on corners x_k, linear interpolation of a quadratic with second derivatives H errs by
-    Σ λ_k (x_k − x)ᵀ H (x_k − x) / 2. Here it is summed up by absolute values, with the largest H that the triangle's
-    corners show. How many times larger the errors are is found by leaving out one node after the other, and
+    Σ λ_k (x_k − x)ᵀ H (x_k − x) / 2. Here it is summed up by absolute values, with the largest H that the corners
+    show. How many times larger the errors are is found by leaving out one node after the other, and
     interpolating it from those around it.
 
     Parameters
@@ -24,17 +24,18 @@ def interpolation_bars(body: Triangulation, nodal_mm: Floats, points_mm: Floats)
     body
         The triangulated body.
     nodal_mm
-        (P, N, 2), P fields at the nodes [mm].
+        (P, N, k), P fields at the nodes [mm].
     points_mm
         Where bars are wanted.
     """
+    d = body.points_mm.shape[1]
     second = np.stack([
-        np.sqrt((np.stack([matrix @ field for field in nodal_mm]) ** 2).mean(axis=2)) for matrix in body.derivatives[2:]
-    ])  # (3, P, N), root mean square over u_x and u_z  # fmt: skip
+        np.sqrt((np.stack([matrix @ field for field in nodal_mm]) ** 2).mean(axis=2)) for matrix in body.derivatives[d:]
+    ])  # (H, P, N), root mean square over the components  # fmt: skip
 
     def expected(places_mm: Floats, corners: NDArray[np.int64], weights: Floats) -> Floats:
-        x, z = np.moveaxis(body.points_mm[corners] - places_mm[:, None], 2, 0)
-        arms = np.abs(np.stack([(weights * part).sum(axis=1) for part in (x * x / 2, z * z / 2, x * z)]))
+        along = list(np.moveaxis(body.points_mm[corners] - places_mm[:, None], 2, 0))
+        arms = np.abs(np.stack([(weights * part).sum(axis=1) for part in products(along)]))
         return np.einsum("jm,jpm->pm", arms, second[:, :, corners].max(axis=3))
 
     left, around, shares = body.rings

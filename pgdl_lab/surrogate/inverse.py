@@ -115,14 +115,14 @@ class Quantity(ABC):
 
 
 class Tip(Quantity):
-    """Place of a point [mm].
+    """Place of a point of the face or of the body [mm].
 
     Parameters
     ----------
     probe
         The surrogate there.
     point_mm
-        (2,), the undeformed point [mm].
+        (d,), the undeformed point [mm].
     """
 
     unit = "mm"
@@ -137,14 +137,14 @@ class Tip(Quantity):
 
 
 class Curvature(Quantity):
-    """Mean curvature of the base line [1/m].
+    """Mean curvature of the base line in the x–z plane [1/m].
 
     Parameters
     ----------
     probe
         The surrogate on the base line.
     line_mm
-        (B, 2), the undeformed base line [mm].
+        (B, d), the undeformed base line [mm].
     """
 
     unit = "1/m"
@@ -157,7 +157,8 @@ class Curvature(Quantity):
     def state(self, kpa: float) -> tuple[Floats, Floats]:
         from pgdl_lab.surrogate.curvature import mean_curvature_per_m
 
-        line, along = self._line_mm + self._probe.value(kpa), self._probe.slope(kpa)
+        bent, turned = self._line_mm + self._probe.value(kpa), self._probe.slope(kpa)
+        line, along = bent[:, [0, -1]], turned[:, [0, -1]]  # x and z
         step = 1e-3 / max(float(np.abs(along).max()), 1e-9)  # moves the line by a micrometre
         ahead, behind = (mean_curvature_per_m(line + sign * step * along) for sign in (1, -1))
         return np.array([mean_curvature_per_m(line)]), np.array([(ahead - behind) / (2 * step)])
@@ -169,15 +170,15 @@ class Inverse:
     Parameters
     ----------
     domain
-        The side face, with its base line.
+        The side face or the body, with its base line.
     probe
-        The surrogate at points (N, 2) [mm].
+        The surrogate at points (N, d) [mm].
     low_kpa, high_kpa
         Pressures between which it is sought [kPa].
     """
 
     def __init__(self, domain: Domain, probe: Callable[[Floats], Probe], low_kpa: float, high_kpa: float) -> None:
-        points, base = domain.points_mm, domain.base
+        points, base, self.axes = domain.points_mm, domain.base, domain.axes
         self.tip = Tip(probe(points[base[-1:]]), points[base[-1]], low_kpa, high_kpa)
         self.curvature = Curvature(probe(points[base]), points[base], low_kpa, high_kpa)
 
@@ -186,23 +187,25 @@ class Inverse:
     ) -> Answer:
         """See `Surrogate.pressure_for`."""
         if (tip is None) == (curvature is None):
-            raise InputError("pressure_for takes one target: tip=(x, z) in mm or curvature= in 1/m.")
+            tip_of = ", ".join(self.axes)
+            raise InputError(f"pressure_for takes one target: tip=({tip_of}) in mm or curvature= in 1/m.")
         quantity = self.curvature if tip is None else self.tip
         if tolerance is None:
             tolerance = quantity.tolerance
         elif not tolerance >= 0:
             raise InputError(f"tolerance is {tolerance} {quantity.unit}; it must not be negative.")
-        target = _target([curvature], 1) if tip is None else _target(tip, 2)
+        target = _target([curvature], 1, self.axes) if tip is None else _target(tip, len(self.axes), self.axes)
         return quantity.nearest(target, tolerance)
 
 
-def _target(values: Sequence[float | None], count: int) -> Floats:
-    """The `count` numbers of a target, NaN for None."""
+def _target(values: Sequence[float | None], count: int, axes: str) -> Floats:
+    """The `count` numbers of a target, NaN for None; a tip has one along each of the `axes`."""
     try:
         numbers = np.array([np.nan if value is None else float(value) for value in values])
         free = np.array([value is None for value in values])
     except (TypeError, ValueError):
         numbers, free = np.empty(0), np.empty(0, dtype=bool)
     if len(numbers) != count or free.all() or not np.isfinite(numbers[~free]).all():
-        raise InputError(f"The target {values} must be finite numbers: tip=(x, z) in mm, or curvature= in 1/m.")
+        tip = ", ".join(axes)
+        raise InputError(f"The target {values} must be finite numbers: tip=({tip}) in mm, or curvature= in 1/m.")
     return numbers

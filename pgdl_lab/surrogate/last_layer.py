@@ -185,7 +185,7 @@ def ridge(features: Features, targets_mm: Floats) -> float:
 
 def scores(errors_mm: Floats, features: Features, trained: Features, rho: float) -> Floats:
     """|error| (m, 2) [mm] at samples with `features`, by the root of its variance where those `trained` are known."""
-    root, _, _ = ridge_regression(_products(trained), np.zeros((len(trained[0]), 2)), rho)
+    root, _, _ = ridge_regression(_products(trained), np.zeros((len(trained[0]), errors_mm.shape[1])), rho)
     variance = 1 + ((_products(features) @ root) ** 2).sum(axis=1)
     result: Floats = np.abs(errors_mm) / np.sqrt(variance)[:, None]
     return result
@@ -213,7 +213,7 @@ def _likeliest(values: Floats, onto: Floats, targets: Floats) -> float:
     rho = values[-1] * 1e-9
     for _ in range(ROUNDS):
         weights = onto / (values + rho)[:, None]
-        used = 2 * (values / (values + rho)).sum()  # degrees of freedom
+        used = targets.shape[1] * (values / (values + rho)).sum()  # degrees of freedom
         left = max(total - (weights * (2 * onto - values[:, None] * weights)).sum(), np.finfo(float).eps * total)
         rho = used / (weights**2).sum() * left / max(count - used, 1.0)
     return float(rho)

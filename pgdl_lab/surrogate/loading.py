@@ -20,6 +20,8 @@ from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES, Shapes, require
 from pgdl_lab.surrogate.surrogate import FORMAT, VERSION, Surrogate
 
+SIMPLEX = {2: "triangle", 3: "tetra"}  # by the number of dimensions
+
 TABLE, TABLE_PER_TRIANGLE = 2**20, 100  # entries of `SimplexMesh.grid` that are allowed; fingers have 10 per triangle
 
 PLAIN: dict[str, Callable[[Mapping[str, Any], Record, Mapping[str, NDArray[Any]]], Surrogate]] = {
@@ -29,7 +31,7 @@ PLAIN: dict[str, Callable[[Mapping[str, Any], Record, Mapping[str, NDArray[Any]]
 }
 """Surrogates that NumPy alone evaluates, by the "kind" of their file."""
 
-FACE: Shapes = {"points_mm": (FLOATS, "N", 2), "triangles": (INDICES, "T", 3), "base": (INDICES, "B")}
+FACE: Shapes = {"points_mm": (FLOATS, "N", "d"), "triangles": (INDICES, "T", "c"), "base": (INDICES, "B")}
 
 
 def load(path: str | Path, outside: str = "warn") -> Surrogate:
@@ -111,12 +113,14 @@ def _domain(arrays: Mapping[str, NDArray[Any]]) -> Domain:
     base = arrays["base"]
     if len(base) < 2 or not 0 <= base.min() <= base.max() < len(mesh.points_mm):
         raise ValueError("a point is missing")
-    return Domain(mesh.points_mm, mesh.simplices, base=base)
+    return Domain(mesh.points_mm, mesh.simplices, SIMPLEX[mesh.points_mm.shape[1]], base)
 
 
 def _mesh(arrays: Mapping[str, NDArray[Any]]) -> SimplexMesh:
     """The triangulated body among `arrays`, in which every point can be located."""
     points, triangles = arrays["points_mm"], arrays["triangles"]
+    if points.shape[1] not in SIMPLEX or triangles.shape[1] != points.shape[1] + 1:
+        raise ValueError(f"points_mm is {points.shape} and triangles is {triangles.shape}")
     if not np.isfinite(points).all() or not 0 <= triangles.min() <= triangles.max() < len(points):
         raise ValueError("a point is missing")
     mesh = SimplexMesh(points, triangles)
@@ -141,8 +145,8 @@ def _works(surrogate: Surrogate) -> bool:
         return False
     low, high = np.array([ranges[name] for name in surrogate.inputs]).T
     ends = np.array([low, high]) if len(low) > 1 else np.concatenate([low, high])
-    point = np.zeros((1, 2)) if surrogate.record.domain is None else surrogate.domain.points_mm[:1]
+    point = surrogate.domain.points_mm[:1] if surrogate.record.domain else np.zeros((1, surrogate.dimension))
     answers, bars = surrogate.probe(point).values(ends), surrogate.bars(point, ends)
     if bars is not None and not (bars.shape == (2, 1) and np.isfinite(bars).all()):
         return False
-    return answers.shape == (2, 1, 2) and bool((low <= high).all() and np.isfinite(answers).all())
+    return answers.shape == (2, *point.shape) and bool((low <= high).all() and np.isfinite(answers).all())

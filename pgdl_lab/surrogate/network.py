@@ -26,7 +26,7 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 
 
 class NetworkSurrogate(Surrogate):
-    """A fully connected network of x [mm], z [mm] and the inputs, as a rule the pressure [kPa], in float64.
+    """A fully connected network of place [mm] and inputs, as a rule the pressure [kPa], in float64.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class NetworkSurrogate(Surrogate):
         return np.array(bars).reshape(len(cases), len(points_mm)) * stretch
 
     def hidden(self, inputs: Floats) -> Floats:
-        """What the last layer weighs (n, H), from x, z and inputs (n, 2 + D)."""
+        """What the last layer weighs (n, H), from place and inputs (n, d + D)."""
         first, *hidden, _, _ = self._layers
         values = inputs * first[0] + first[1]
         for layer in hidden:
@@ -73,7 +73,7 @@ class NetworkSurrogate(Surrogate):
         return values
 
     def outputs(self, inputs: Floats) -> Floats:
-        """Displacements (n, 2) [mm] from x, z and inputs (n, 2 + D)."""
+        """Displacements (n, d) [mm] from place and inputs (n, d + D)."""
         *_, last, scaling = self._layers
         return (self.hidden(inputs) @ last[:, :-1].T + last[:, -1]) * scaling[0] + scaling[1]
 

@@ -1,9 +1,10 @@
-"""A surrogate of modes on a triangulated body, whose amplitudes are polynomials in the pressure."""
+"""A surrogate of modes on a body of triangles or tetrahedra, whose amplitudes are polynomials in the pressure."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from pgdl_lab.surrogate.probe import BasisProbe, PolynomialProbe, Probe
 from pgdl_lab.surrogate.record import Record
 from pgdl_lab.surrogate.shapes import FLOATS, INDICES
 from pgdl_lab.surrogate.surrogate import Surrogate
+
+if TYPE_CHECKING:
+    from pgdl_lab.surrogate.triangulation import Triangulation
 
 AT_NODE = 1e-9  # weight of other nodes below which a point is one
 
@@ -31,19 +35,19 @@ class NodalSurrogate(Surrogate):
     model, record
         See `Surrogate`.
     state
-        "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "modes" (N, K, 2); "amplitudes" (D, K) [mm],
-        coefficients of the amplitudes of the K modes in D functions of the inputs: Chebyshev polynomials, with
-        "range_kpa" (2,), pressures mapped to −1 … 1, or for several inputs what `Basis.state` says. With error bars
-        also "spread" (N, D, L) [mm], square roots of the covariance of the nodes' coefficients; "noise_mm" ();
-        "bar_kpa" (B,) and "bar_deviations" (B,), how far along, see `limits.along`, and the number of standard
-        deviations that make a bar there; where the body has a stretch without training points "bar_stretch" (N,), how
-        many times wider bars are.
+        "points_mm" (N, d) and "triangles" (T, d + 1), the undeformed body, in space of tetrahedra; "modes" (N, K, d);
+        "amplitudes" (D, K) [mm], coefficients of the amplitudes of the K modes in D functions of the inputs: Chebyshev
+        polynomials, with "range_kpa" (2,), pressures mapped to −1 … 1, or for several inputs what `Basis.state` says.
+        With error bars also "spread" (N, D, L) [mm], square roots of the covariance of the nodes' coefficients;
+        "noise_mm" (); "bar_kpa" (B,) and "bar_deviations" (B,), how far along, see `limits.along`, and the number of
+        standard deviations that make a bar there; where the body has a stretch without training points "bar_stretch"
+        (N,), how many times wider bars are.
     """
 
     shapes = {
-        "points_mm": (FLOATS, "N", 2),
-        "triangles": (INDICES, "T", 3),
-        "modes": (FLOATS, "N", "K", 2),
+        "points_mm": (FLOATS, "N", "d"),
+        "triangles": (INDICES, "T", "c"),
+        "modes": (FLOATS, "N", "K", "d"),
         "amplitudes": (FLOATS, "D", "K"),
         **SHAPES,
         "spread": (FLOATS, "N", "D", "L"),
@@ -63,15 +67,22 @@ class NodalSurrogate(Surrogate):
     def state(self) -> dict[str, NDArray[Any]]:
         return self._state
 
+    @cached_property
+    def _triangulation(self) -> Triangulation:
+        from pgdl_lab.surrogate.triangulation import Triangulation
+
+        return Triangulation(self._body.points_mm, self._body.simplices)
+
     def probe(self, points_mm: Floats) -> Probe:
         corners, weights = self._body.locate(points_mm)
-        nodal = self._state["modes"][corners]  # (n, 3, K, 2)
-        share = weights[:, :, None, None]
-        local = share[:, 0] * nodal[:, 0] + share[:, 1] * nodal[:, 1] + share[:, 2] * nodal[:, 2]
-        modes, amplitudes_mm = local.transpose(1, 0, 2), self._state["amplitudes"]
+        modes, share = self._state["modes"], weights[:, :, None, None]
+        local = share[:, 0] * modes[corners[:, 0]]  # (n, K, d); corner by corner, in one order
+        for corner in range(1, corners.shape[1]):
+            local = local + share[:, corner] * modes[corners[:, corner]]
+        of_points, amplitudes_mm = local.transpose(1, 0, 2), self._state["amplitudes"]
         if len(self._basis.ranges) > 1:
-            return BasisProbe(modes, amplitudes_mm, self._basis)
-        return PolynomialProbe(modes, amplitudes_mm, self._state["range_kpa"])
+            return BasisProbe(of_points, amplitudes_mm, self._basis)
+        return PolynomialProbe(of_points, amplitudes_mm, self._state["range_kpa"])
 
     def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
         if "bar_deviations" not in self._state:
@@ -82,7 +93,7 @@ class NodalSurrogate(Surrogate):
         nodal_mm = np.sqrt((roots**2).sum(axis=2) + self._state["noise_mm"] ** 2)
         if "bar_stretch" in self._state:
             nodal_mm *= self._state["bar_stretch"]
-        # the deviation of a mean of three is at most the mean of the three
+        # the deviation of a mean of some is at most the mean of theirs
         deviation_mm = np.einsum("nc,pnc->pn", weights, nodal_mm[:, corners])
         factor = np.interp(self.along(cases), self._state["bar_kpa"], self._state["bar_deviations"])
         bars_mm: Floats = factor[:, None] * deviation_mm
@@ -90,11 +101,9 @@ class NodalSurrogate(Surrogate):
         if between.any():
             try:
                 from pgdl_lab.surrogate.interpolation import interpolation_bars
-                from pgdl_lab.surrogate.triangulation import Triangulation
             except ModuleNotFoundError:  # a robot without SciPy
                 return None
-            body = Triangulation(self._body.points_mm, self._body.simplices)
             nodal = np.einsum("pk,nkc->pnc", functions @ self._state["amplitudes"], self._state["modes"])
-            more_mm = interpolation_bars(body, nodal, points_mm[between])
+            more_mm = interpolation_bars(self._triangulation, nodal, points_mm[between])
             bars_mm[:, between] = np.hypot(bars_mm[:, between], more_mm)
         return bars_mm

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.inputs import PRESSURE
+from pgdl_lab.core.simplices import place
 from pgdl_lab.surrogate.limits import Limits, Outside, TooFar
 from pgdl_lab.surrogate.record import Record
 
@@ -48,12 +49,12 @@ class Watched(ABC):
         distance_mm = domain.mesh.distance_mm(points_mm, *domain.locate(points_mm))
         off = np.flatnonzero(distance_mm > domain.mesh.tolerance_mm)
         if len(off):
-            x, z = points_mm[distance_mm.argmax()]
             self._complain(
                 "points",
                 lambda: (
-                    f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as x = {x:g}, "
-                    f"z = {z:g} mm by {distance_mm.max():.3g} mm: give points in mm on the body; each "
+                    f"{len(off)} of {len(points_mm)} points lie off the undeformed body, such as "
+                    f"{place(points_mm[distance_mm.argmax()])} by {distance_mm.max():.3g} mm: give points in mm on the "
+                    "body; each "
                     f"{'counts as the nearest point on it' if self.knows_body else 'is answered where it lies'}"
                     ", and no error bar tells how far off that is."
                 ),

@@ -21,10 +21,10 @@ class Probe(ABC):
 
     @abstractmethod
     def value(self, case: Case) -> Floats:
-        """Displacement (N, 2) [mm] in a case."""
+        """Displacement (N, d) [mm] in a case."""
 
     def slope(self, case: Case) -> Floats:
-        """Derivative (N, 2) of the displacement by the one input [mm/kPa], or (N, 2, D) by each of several.
+        """Derivative (N, d) of the displacement by the one input [mm/kPa], or (N, d, D) by each of several.
 
         Here a central difference.
         """
@@ -38,7 +38,7 @@ class Probe(ABC):
         return (self.value(case + step) - self.value(case - step)) / (2 * np.max(step))
 
     def values(self, cases: Floats) -> Floats:
-        """Displacements (P, N, 2) [mm] in cases (P,) of one input or (P, D) of several."""
+        """Displacements (P, N, d) [mm] in cases (P,) of one input or (P, D) of several."""
         if not len(cases):
             return np.empty((0, *self.value(np.zeros(cases.shape[1]) if cases.ndim > 1 else 0.0).shape))
         return np.array([self.value(case if cases.ndim > 1 else float(case)) for case in cases])
@@ -50,7 +50,7 @@ class BasisProbe(Probe):
     Parameters
     ----------
     modes
-        (K, N, 2).
+        (K, N, d).
     amplitudes_mm
         (D, K), coefficients of the functions of the basis [mm].
     basis
@@ -74,7 +74,7 @@ class PolynomialProbe(Probe):
     Parameters
     ----------
     modes
-        (K, N, 2).
+        (K, N, d).
     amplitudes_mm
         (D, K), coefficients of Chebyshev polynomials [mm].
     range_kpa

@@ -28,24 +28,24 @@ class ProcessSurrogate(Surrogate):
     model, record
         See `Surrogate`.
     state
-        "points_mm" (N, 2) and "triangles" (T, 3), the undeformed body; "places" (N, M), the inputs that stand for its
-        points; "unit_kpa" (), pressure per unit of the last input, or "units" (D,), that of each of the last D; all by
-        the length scale. "inputs" (n, M + D), of the points learnt from, with "weights_mm" (n, 2), and "mean_mm" (2,).
-        "size_mm" (), standard deviation of the process, and "noise" (), variance of the noise by that of the process.
-        With error bars "bar_kpa" (B,) and "bar_deviations" (B,), how far along, see `limits.along`, and the number of
-        standard deviations that make a bar there, and where the body has a stretch without training points
-        "bar_stretch" (N,), how many times wider bars are.
+        "points_mm" (N, d) and "triangles" (T, d + 1), the undeformed body, in space of tetrahedra; "places" (N, M), the
+        inputs that stand for its points; "unit_kpa" (), pressure per unit of the last input, or "units" (D,), that of
+        each of the last D; all by the length scale. "inputs" (n, M + D), of the points learnt from, with "weights_mm"
+        (n, d), and "mean_mm" (d,). "size_mm" (), standard deviation of the process, and "noise" (), variance of the
+        noise by that of the process. With error bars "bar_kpa" (B,) and "bar_deviations" (B,), how far along, see
+        `limits.along`, and the number of standard deviations that make a bar there, and where the body has a stretch
+        without training points "bar_stretch" (N,), how many times wider bars are.
     """
 
     shapes = {
-        "points_mm": (FLOATS, "N", 2),
-        "triangles": (INDICES, "T", 3),
+        "points_mm": (FLOATS, "N", "d"),
+        "triangles": (INDICES, "T", "c"),
         "places": (FLOATS, "N", "M"),
         "unit_kpa": (FLOATS,),
         "units": (FLOATS, "D"),
         "inputs": (FLOATS, "n", "I"),
-        "weights_mm": (FLOATS, "n", 2),
-        "mean_mm": (FLOATS, 2),
+        "weights_mm": (FLOATS, "n", "d"),
+        "mean_mm": (FLOATS, "d"),
         "size_mm": (FLOATS,),
         "noise": (FLOATS,),
         "bar_kpa": (FLOATS, "B"),
@@ -117,7 +117,7 @@ class ProcessProbe(Probe):
 
 
 def interpolated(body: SimplexMesh, nodal: Floats, points_mm: Floats) -> Floats:
-    """Values (m, M) at points (m, 2) [mm] of those at the nodes (N, M)."""
+    """Values (m, M) at points (m, d) [mm] of those at the nodes (N, M)."""
     corners, weights = body.locate(points_mm)
     return np.einsum("nc,ncm->nm", weights, nodal[corners])
 

@@ -9,14 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.inputs import unit_of
+from pgdl_lab.core.simplices import AXES
 
 Floats = NDArray[np.float64]
 Asked = ArrayLike | Mapping[str, ArrayLike]
 """A pressure [kPa] or several (P,), or numbers or (P,) of each input by its name."""
 
 
-def points_of(points_mm: ArrayLike) -> Floats:
-    """Points (N, 2) [mm].
+def points_of(points_mm: ArrayLike, dimension: int) -> Floats:
+    """Points (N, d) [mm] of a face (d = 2) or of a body (d = 3).
 
     Raises
     ------
@@ -24,8 +25,12 @@ def points_of(points_mm: ArrayLike) -> Floats:
         When the shape is another, or a value is no finite number.
     """
     points = _numbers(points_mm, "points_mm")
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise InputError(f"points_mm has shape {points.shape}; it must be (N, 2): x and z of N points in mm.")
+    if points.ndim != 2 or points.shape[1] != dimension:
+        *first, last = list(AXES[dimension])
+        raise InputError(
+            f"points_mm has shape {points.shape}; it must be (N, {dimension}): {', '.join(first)} and {last} of N "
+            "points in mm."
+        )
     return points
 
 

@@ -19,14 +19,14 @@ class Record:
     Attributes
     ----------
     ranges
-        Least and greatest training value: "x_mm", "z_mm" and each input, as a rule "pressure_kpa" alone.
+        Least and greatest training value: "x_mm", of a body "y_mm", "z_mm" and each input, as a rule "pressure_kpa".
     provenance
         Where the training data come from; "warnings" are sentences on what may be wrong with them and with the
         training.
     history
         Entries of the loss history: "epoch", "seconds", "lr", "raw/<loss>", "weighted/<loss>", "share/<loss>".
     domain
-        The side face; None if it is not known, so that nobody can tell what lies off the body.
+        The side face or the whole body; None if it is not known, so that nobody can tell what lies off the body.
     """
 
     ranges: dict[str, list[float]]
@@ -41,5 +41,5 @@ class Record:
 
 
 def arrays_of(domain: Domain) -> dict[str, NDArray[Any]]:
-    """What the file of a surrogate holds of its side face."""
-    return {"points_mm": domain.points_mm, "triangles": domain.cells, "base": domain.base}
+    """What the file of a surrogate holds of its side face, or of its body and the tetrahedra that this is cut into."""
+    return {"points_mm": domain.points_mm, "triangles": domain.mesh.simplices, "base": domain.base}

@@ -16,7 +16,7 @@ from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.heard import WARNINGS
 from pgdl_lab.core.inputs import PRESSURE
-from pgdl_lab.core.plotting import plot_face
+from pgdl_lab.core.plotting import plot_side
 from pgdl_lab.surrogate import archive
 from pgdl_lab.surrogate.at import At
 from pgdl_lab.surrogate.inverse import Answer, Inverse
@@ -40,10 +40,11 @@ Floats = NDArray[np.float64]
 
 
 class Surrogate(Watched):
-    """The displacement of the side face as a function of place and inputs. Threads may share one.
+    """The displacement of the side face or of the whole body as a function of place and inputs.
 
-    The input is the pressure, or there are several, each with a name that ends with its unit. What is said of a
-    pressure below holds for a case of these too, where it is given as {"pressure_kpa": 20.0, "gravity_deg": 30.0}.
+    Threads may share one. The input is the pressure, or there are several, each with a name that ends with its unit.
+    What is said of a pressure below holds for a case of these too, where it is given as {"pressure_kpa": 20.0,
+    "gravity_deg": 30.0}.
 
     Parameters
     ----------
@@ -80,16 +81,23 @@ class Surrogate(Watched):
 
     @abstractmethod
     def probe(self, points_mm: Floats) -> Probe:
-        """The surrogate at checked points (N, 2) [mm]; those off the body, see `knows_body`."""
+        """The surrogate at checked points (N, d) [mm]; those off the body, see `knows_body`."""
 
     def __repr__(self) -> str:
         finger = self.record.provenance.get("finger")
-        of = f" of finger {finger['name']}" if isinstance(finger, dict) and "name" in finger else ""
+        of = " of the whole body" if self.dimension == 3 else ""
+        of += f" of finger {finger['name']}" if isinstance(finger, dict) and "name" in finger else ""
         told = f", {self.error['rms_mm']:.2g} mm RMS off at points not trained on" if self.error else ""
         heads = ["" if name == PRESSURE else f"{name} from " for name in self.inputs]
         known = zip(heads, map(self.trained_range, self.limits), strict=True)
         ranges = ", ".join(head + values for head, values in known)
         return f"<surrogate {self.model['name']}{of}: {ranges}{told}>"
+
+    @property
+    def dimension(self) -> int:
+        """Coordinates of a point: 2 of the side face, x and z; 3 of the whole body, x, y and z."""
+        domain = self.record.domain
+        return domain.points_mm.shape[1] if domain else 3 if "y_mm" in self.record.ranges else 2
 
     @property
     def units(self) -> dict[str, str]:
@@ -99,8 +107,13 @@ class Surrogate(Watched):
 
     @property
     def ranges(self) -> dict[str, list[float]]:
-        """Least and greatest training value: "x_mm", "z_mm" and each input, such as "pressure_kpa"."""
+        """Least and greatest training value: "x_mm", of a body "y_mm", "z_mm" and each input, as "pressure_kpa"."""
         return {name: list(bounds) for name, bounds in self.record.ranges.items()}
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where its training data come from: finger, mesh, material, solver, versions."""
+        return dict(self.record.provenance)
 
     @property
     def warnings(self) -> list[str]:
@@ -116,7 +129,9 @@ class Surrogate(Watched):
         return dict(self.record.provenance.get(ERROR, {}))
 
     def plot(self, pressure_kpa: Asked, axes: Axes | None = None) -> Axes:
-        """Draw the bent side face at a pressure [kPa] over its shape at rest, on `axes` or in a new figure of pyplot.
+        """Draw the bent side face, or the body from the side, at a pressure [kPa] over its shape at rest.
+
+        It is drawn on `axes`, or in a new figure of pyplot.
 
         Raises
         ------
@@ -129,8 +144,7 @@ class Surrogate(Watched):
             raise InputError("A picture shows one case: give one value of each input.")
         (case,), _ = cases_of(pressure_kpa, self.inputs)
         where = [limit.told(value) for limit, value in zip(self.limits, np.atleast_1d(case), strict=True)]
-        title = f"model {self.model['name']} at {', '.join(where)}"
-        return plot_face(domain.points_mm, domain.cells, domain.base, moved_mm, title, axes)
+        return plot_side(domain, moved_mm, f"model {self.model['name']} at {', '.join(where)}", axes)
 
     def _repr_html_(self) -> str:
         """The viewer, for notebooks."""
@@ -142,7 +156,7 @@ class Surrogate(Watched):
 
     @property
     def domain(self) -> Domain:
-        """The side face.
+        """The side face or the whole body.
 
         Raises
         ------
@@ -155,16 +169,16 @@ class Surrogate(Watched):
 
     @property
     def tip_mm(self) -> Floats:
-        """The end of the undeformed base line (2,) [mm]."""
+        """The end of the undeformed base line (d,) [mm]."""
         return self.domain.tip_mm
 
     def predict(self, points_mm: ArrayLike, pressure_kpa: Asked, *, beyond: bool = False) -> Floats:
-        """Displacement of points of the undeformed face.
+        """Displacement of points of the undeformed face or body.
 
         Parameters
         ----------
         points_mm
-            (N, 2), x and z of the undeformed points [mm].
+            (N, 2), x and z of the undeformed points; of a whole body (N, 3): x, y and z [mm].
         pressure_kpa
             A number or (P,) [kPa]. With several inputs numbers or (P,) of each by its name.
         beyond
@@ -172,7 +186,8 @@ class Surrogate(Watched):
 
         Returns
         -------
-        (N, 2) float64 for one pressure, (P, N, 2) float64 for several: u_x and u_z [mm].
+        (N, 2) float64 for one pressure, (P, N, 2) float64 for several: u_x and u_z [mm]. Of a body (N, 3) and
+        (P, N, 3): u_x, u_y and u_z.
 
         Raises
         ------
@@ -182,7 +197,7 @@ class Surrogate(Watched):
             When a shape is wrong or a value is not a finite number; with outside="raise" also when an input or a
             point lies outside what was trained.
         """
-        points, (cases, single) = points_of(points_mm), cases_of(pressure_kpa, self.inputs)
+        points, (cases, single) = points_of(points_mm, self.dimension), cases_of(pressure_kpa, self.inputs)
         self.check_cases(points, cases, beyond)
         probe = self._probed(points)
         if not single:
@@ -197,7 +212,7 @@ class Surrogate(Watched):
         InputError
             See `predict`.
         """
-        points = points_of(points_mm)
+        points = points_of(points_mm, self.dimension)
         return At(self, points, self._probed(points), beyond)
 
     def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
@@ -208,7 +223,7 @@ class Surrogate(Watched):
         return along(cases, [self.record.ranges[name] for name in self.inputs]) if cases.ndim > 1 else cases
 
     def error_bar(self, points_mm: ArrayLike, pressure_kpa: Asked, *, beyond: bool = False) -> Floats | None:
-        """What the model itself expects to err by: |error| of u_x, and of u_z, stays below it in 95 of 100 cases.
+        """What the model itself expects to err by: |error| of each component stays below it in 95 of 100 cases.
 
         Parameters
         ----------
@@ -225,7 +240,7 @@ class Surrogate(Watched):
             When a shape is wrong or a value is not a finite number, or an input lies outside those allowed, unless
             `beyond`.
         """
-        points, (cases, single) = points_of(points_mm), cases_of(pressure_kpa, self.inputs)
+        points, (cases, single) = points_of(points_mm, self.dimension), cases_of(pressure_kpa, self.inputs)
         if not beyond:
             self.check_distance(cases)
         bars = self.bars(points, cases)
@@ -243,7 +258,7 @@ class Surrogate(Watched):
         Parameters
         ----------
         tip
-            x and z of the deformed tip [mm]; None in place of one of them leaves it free.
+            x and z of the deformed tip, of a body x, y and z [mm]; None in place of one of them leaves it free.
         curvature
             Mean curvature of the base line [1/m], positive when the finger bends upwards.
         tolerance

@@ -17,8 +17,10 @@ from pgdl_lab.surrogate.basis import Basis
 from pgdl_lab.surrogate.probe import Probe
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-TEMPLATE = Path(__file__).with_name("viewer.html")
+TEMPLATE, BODY_TEMPLATE = (Path(__file__).with_name(name) for name in ("viewer.html", "viewer_body.html"))
+STYLE = Path(__file__).with_name("viewer.css")
 DEGREES = (10, 16, 24, 40)  # in the pressure, tried one after the other
 CLOSE_MM = 1e-4  # a polynomial this close to the surrogate stands for it
 CHECKED = 25  # pressures at which that is checked
@@ -46,23 +48,27 @@ def page(surrogate: Surrogate, snapshots: Dataset | None, title: str) -> str:
     Parameters
     ----------
     surrogate
-        The surrogate; it knows its face.
+        The surrogate; it knows its face or its body.
     snapshots
         The simulation that it was trained on, to be shown beside it; None shows the surrogate alone.
     title
         Heading of the page.
     """
-    content = json.dumps(_content(surrogate, snapshots, title)).replace("</", "<\\/")
-    text = TEMPLATE.read_text(encoding="utf-8")
+    body = surrogate.domain.is_body
+    content = json.dumps((_body_content if body else _content)(surrogate, snapshots, title)).replace("</", "<\\/")
+    text = (BODY_TEMPLATE if body else TEMPLATE).read_text(encoding="utf-8")
+    text = text.replace("{{style}}", STYLE.read_text(encoding="utf-8"))
     return text.replace("{{title}}", html.escape(title)).replace("{{content}}", content)
 
 
-def polynomial(surrogate: Surrogate, high_kpa: float) -> tuple[Floats, float]:
-    """Chebyshev coefficients (K, N, 2) of the nodes' displacements from 0 to `high_kpa`, and their largest error [mm].
+def polynomial(surrogate: Surrogate, high_kpa: float, nodes: Ints | None = None) -> tuple[Floats, float]:
+    """Chebyshev coefficients (K, N, d) of the displacements from 0 to `high_kpa`, and their largest error [mm].
 
-    Exact for surrogates that are polynomials in the pressure; networks are interpolated.
+    Those of all nodes, or of some (N,). Exact for surrogates that are polynomials in the pressure; networks are
+    interpolated.
     """
-    probe = surrogate.probe(surrogate.domain.points_mm)
+    points_mm = surrogate.domain.points_mm
+    probe = surrogate.probe(points_mm if nodes is None else points_mm[nodes])
     checked = np.random.default_rng(0).uniform(-1, 1, CHECKED)
     truth = probe.values((checked + 1) / 2 * high_kpa)
     coefficients: NDArray[Any] = truth
@@ -116,8 +122,54 @@ def _content(surrogate: Surrogate, snapshots: Dataset | None, title: str) -> dic
     }
 
 
+def _body_content(surrogate: Surrogate, snapshots: Dataset | None, title: str) -> dict[str, Any]:
+    domain = surrogate.domain
+    nodes, skin, section = _surface(domain)
+    kpa, simulated = _shown(surrogate, snapshots)
+    coefficients, error_mm = polynomial(surrogate, float(kpa[-1]), nodes)
+    rest_mm = domain.points_mm[nodes]
+    predicted = surrogate.probe(rest_mm).values(kpa)
+    errors_mm = np.empty(0) if simulated is None else np.linalg.norm(predicted - simulated[:, nodes], axis=2)
+    places = np.concatenate([rest_mm[None], rest_mm + predicted]).reshape(-1, 3)
+    if len(section):  # a half, which is shown with its mirror image
+        places = np.concatenate([places, places * [1, -1, 1]])
+    root = rest_mm[rest_mm[:, 0] <= rest_mm[:, 0].min() + 1e-3]
+    tip = np.linalg.norm(rest_mm - domain.tip_mm, axis=1).argmin() if len(domain.base) else None
+    return {
+        "title": title,
+        "model": surrogate.model["name"],
+        "maxKpa": float(kpa[-1]),
+        "shownKpa": kpa.tolist(),
+        "trainedKpa": surrogate.ranges["pressure_kpa"],
+        "polynomialErrorMm": error_mm,
+        "boundsMm": [places.min(axis=0).tolist(), places.max(axis=0).tolist()],
+        "clampMm": [root.min(axis=0).tolist(), root.max(axis=0).tolist()],
+        "tip": None if tip is None else int(tip),
+        "points": _packed(rest_mm, "<f4"),
+        "skin": _packed(skin, "<u4"),
+        "section": _packed(section, "<u4"),
+        "terms": len(coefficients),
+        "coefficients": _packed(coefficients, "<f4"),
+        "errors": _packed(errors_mm, "<f4"),
+        "colours": {name: _colours(colour) for name, colour in COLOURS.items()},
+    }
+
+
+def _surface(domain: Domain) -> tuple[Ints, Ints, Ints]:
+    """Nodes (n,) of the surface of a body, and its triangles (T, 3) of them, without and within the plane of symmetry.
+
+    A body is a half where none of it lies at y < 0 and some of its surface in the plane y = 0.
+    """
+    facets = domain.mesh.outline[:, :3]
+    nodes, renumbered = np.unique(facets, return_inverse=True)
+    triangles, y = renumbered.reshape(-1, 3), domain.points_mm[:, 1]
+    near_mm = domain.mesh.tolerance_mm / 1e3
+    flat = (np.abs(y[facets]) <= near_mm).all(axis=1) & (y.min() >= -near_mm)
+    return nodes, triangles[~flat], triangles[flat]
+
+
 def _shown(surrogate: Surrogate, snapshots: Dataset | None) -> tuple[Floats, Floats | None]:
-    """Pressures (S,) [kPa] that the page is made for, and simulated displacements (S, N, 2) at them [mm]."""
+    """Pressures (S,) [kPa] that the page is made for, and simulated displacements (S, N, d) at them [mm]."""
     if snapshots is None:
         return np.linspace(0, surrogate.trained_kpa()[1], SHOWN), None
     count = int((snapshots.pressures_kpa <= surrogate.allowed_kpa()[1]).sum())

@@ -44,6 +44,7 @@ def run(job: Job) -> list[Point]:
     """
     settings = chart_settings(job.config)
     experiment = job.experiment
+    experiment.observation.require_face("task=chart")
     if job.config.quick:
         settings = settings.quick()
         fem: Any = experiment.fem

@@ -39,6 +39,7 @@ def run(job: Job) -> Choice:
         When the finger cannot bear the highest pressure.
     """
     settings, experiment = choose_settings(job), job.experiment
+    experiment.observation.require_face("task=choose")
     check_scene(experiment)
     if job.config.quick:
         split = replace(experiment.split, points=int(QUICK_SHARE * QUICK.snapshots * QUICK.points))

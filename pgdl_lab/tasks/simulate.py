@@ -30,7 +30,9 @@ def run(job: Job) -> None:
         "discretisation_error": snapshots.provenance.get("discretisation_error"),
         "seconds": {"simulate": snapshots.provenance.get("seconds", time.perf_counter() - start)},
         "extremes_mm": {
-            "fem": {axis: [float(last[:, i].min()), float(last[:, i].max())] for i, axis in enumerate("xz")}
+            "fem": {
+                axis: [float(last[:, i].min()), float(last[:, i].max())] for i, axis in enumerate(snapshots.domain.axes)
+            }
         },
     }
     with replacing(job.folder / "metrics.json") as temporary:
@@ -42,5 +44,6 @@ def run(job: Job) -> None:
         )  # fmt: skip
     else:
         _log.info("The discretisation error is not known: nothing estimated it.")
-    if snapshots.body is not None:
-        _log.info("The whole body for ParaView: %s", write_series(snapshots.body, job.folder / "paraview"))
+    body = snapshots if snapshots.domain.is_body else snapshots.body
+    if body is not None:
+        _log.info("The whole body for ParaView: %s", write_series(body, job.folder / "paraview"))

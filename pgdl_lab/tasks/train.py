@@ -20,7 +20,7 @@ def run(job: Job) -> float:
     with tracked_run(job.folder, job.sweep_folder) as tracked:
         metrics = pipeline.run(job.experiment, job.folder, tracked, partial(pruning, job.folder))
     mse = metrics["selection_mm2"] or metrics["mse_mm2"]
-    return float(mse["x"] + mse["z"])
+    return float(sum(mse.values()))
 
 
 def pruning(folder: Path, selection: Samples) -> list[Any]:

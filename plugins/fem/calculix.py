@@ -102,7 +102,7 @@ class Calculix(Fem):
                 "penetration_kpa": crossed,
                 "seconds": time.perf_counter() - began,
             },
-            body=Dataset.path(model.domain(), course.pressures_kpa, course.displacements),
+            body=Dataset.path(model.domain(face), course.pressures_kpa, course.displacements),
             warnings=warnings,
             trouble=trouble,
         )

@@ -104,7 +104,7 @@ class Solid(Fem):
             [probe(history.at(kpa)) for kpa in pressures],
             provenance
             | {"sideways_lean": None if lean is None else asdict(lean), "seconds": time.perf_counter() - began},
-            body=Dataset.path(model.domain(), np.array(equilibria.parameters), np.array(equilibria.displacements)),
+            body=history.body(model.domain(face)),
             warnings=warnings,
             trouble=history.trouble(
                 finger, len(pressures), observation.snapshots, "thicken the walls or refine the mesh"

@@ -28,6 +28,7 @@ class BoundaryLoss(Loss):
     """
 
     unit: ClassVar[str] = "mm²"
+    in_space: ClassVar[bool] = True
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         clamped = scene.domain.points_mm[scene.domain.clamp]

@@ -18,12 +18,13 @@ if TYPE_CHECKING:
 @register("loss", "data")
 @dataclass(frozen=True)
 class DataLoss(Loss):
-    """Mean over the training points of the squared error of both components [mm²] (paper, eq. 12).
+    """Mean over the training points of the squared error of all components [mm²] (paper, eq. 12).
 
     Its minimum, zero, lies at the simulated displacement.
     """
 
     unit: ClassVar[str] = "mm²"
+    in_space: ClassVar[bool] = True
 
     def value(self, jet: Jet, target_mm: Tensor, scene: Scene) -> Tensor:
         return (jet.value - target_mm).square().sum(dim=1).mean()

@@ -30,5 +30,5 @@ class FiniteElement(LinearModel):
 
         from pgdl_lab.learning.pod import LEARNING_DRAWS, decompose
 
-        draws = max(LEARNING_DRAWS, self.degree + 1)
+        draws = max(LEARNING_DRAWS, self.degree_on(training.scene.domain) + 1)
         return decompose(regression, regression.first_prior(), draws, np.random.default_rng(training.seed))

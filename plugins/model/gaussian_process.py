@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import describe, register
@@ -35,6 +35,8 @@ class GaussianProcess(Model):
     modes
         Number of eigenfunctions; bodies of fewer than 4 times as many points get a quarter of their points.
     """
+
+    in_space: ClassVar[bool] = True
 
     points: int = 1000
     modes: int = 32
@@ -70,7 +72,7 @@ class GaussianProcess(Model):
         clock = Clock(training.trainer.max_seconds)
         with threads(training.trainer.threads), warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="sklearn")  # of a search that ends at a bound
-            body = Triangulation(scene.domain.points_mm, scene.domain.cells)
+            body = Triangulation.of(scene.domain)
             state = fitted(body, training.whole, self.modes, self.points, rng, clock)
         return self.restore(state, Record(training.whole.ranges(), dict(training.provenance), domain=scene.kept_domain))
 

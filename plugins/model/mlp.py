@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -22,13 +22,15 @@ if TYPE_CHECKING:
 @register("model", "mlp")
 @dataclass(frozen=True)
 class Mlp(NeuralModel):
-    """A fully connected network of (x, z, p), as in the paper (section II-E), p all inputs.
+    """A fully connected network of (x, z, p), as in the paper (section II-E), of a body (x, y, z, p); p all inputs.
 
     Attributes
     ----------
     interval
         Interval that inputs and outputs are scaled to by their training ranges; the paper's is [0, 1].
     """
+
+    in_space: ClassVar[bool] = True
 
     interval: list[float] = field(default_factory=lambda: [-1.0, 1.0])
 
@@ -45,11 +47,12 @@ class Mlp(NeuralModel):
         ))  # fmt: skip
 
     def stored_field(self, state: Mapping[str, Tensor]) -> PlaneField:
-        count = len(state["layers.0.scale"])
-        return self._field(np.zeros(count), np.ones(count), np.zeros(2), np.ones(2))
+        scales = {int(name.split(".")[1]): len(state[name]) for name in state if name.endswith(".scale")}
+        inputs, outputs = scales[0], scales[max(scales)]
+        return self._field(np.zeros(inputs), np.ones(inputs), np.zeros(outputs), np.ones(outputs))
 
     def _field(self, low_in: np.ndarray, high_in: np.ndarray, low_out: np.ndarray, high_out: np.ndarray) -> PlaneField:
-        """The network between two scalings, for the given ranges of inputs (2 + D,) and outputs (2,)."""
+        """The network between two scalings, for the given ranges of inputs (d + D,) and outputs (d,)."""
         import torch
 
         from pgdl_lab.learning.field import PlaneField
@@ -62,7 +65,7 @@ class Mlp(NeuralModel):
         scale_in, scale_out = (high - low) / span_in, span_out / (high - low)
         layers = torch.nn.Sequential(
             Affine(torch.from_numpy(scale_in), torch.from_numpy(low - low_in * scale_in)),
-            *fully_connected(len(low_in), 2, self.depth, self.width, self.activation),
+            *fully_connected(len(low_in), len(low_out), self.depth, self.width, self.activation),
             Affine(torch.from_numpy(scale_out), torch.from_numpy(low_out - low * scale_out)),
         )
         return PlaneField(layers, DTYPES[self.dtype])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import register
@@ -27,13 +27,17 @@ class Pod(LinearModel):
 
     Attributes
     ----------
+    degree
+        Degree of the polynomials in the pressure; null: 10 on the side face, 5 in a whole body, where each degree more
+        costs much time.
     rounds
         How often the prior is learnt anew.
     draws
         Random draws that the error bars are found from.
     """
 
-    degree: int = 10
+    on_face: ClassVar[int] = 10
+
     rounds: int = 4
     draws: int = 48
 
@@ -41,9 +45,10 @@ class Pod(LinearModel):
         super().__post_init__()
         if self.rounds < 0:
             raise InputError(f"model.rounds is {self.rounds}; it must not be negative.")
-        if self.draws < self.degree + 1:
+        polynomials = (self.degree or self.on_face) + 1
+        if self.draws < polynomials:
             raise InputError(
-                f"model.draws is {self.draws}; as many as polynomials ({self.degree + 1}) are needed to tell their "
+                f"model.draws is {self.draws}; as many as polynomials ({polynomials}) are needed to tell their "
                 "errors apart."
             )
 

@@ -1,0 +1,36 @@
+"""What can be learnt of a whole body: not every model and loss goes beyond the side face."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.registry import describe, names, plugin
+from pgdl_lab.learning.loss import Loss
+from pgdl_lab.learning.model import Model
+
+
+def require_in_space(model: Model, losses: Mapping[str, Loss]) -> None:
+    """Check that a model and the terms of its loss suit a whole body.
+
+    Raises
+    ------
+    InputError
+        When one of them knows the side face alone.
+    """
+    if not model.in_space:
+        raise InputError(
+            f"model={describe(model)['name']} learns the side face alone: for the whole body choose one of "
+            f"{_able('model')}, or leave out observation.of=body."
+        )
+    plane = [name for name, loss in losses.items() if not loss.in_space]
+    if plane:
+        raise InputError(
+            f"Loss {', '.join(plane)} balances forces in the plane of the side face: for the whole body choose among "
+            f"{_able('loss')}, or leave out observation.of=body."
+        )
+
+
+def _able(kind: str) -> str:
+    """Names of the plugins of a kind that suit a whole body."""
+    return ", ".join(name for name in names(kind) if getattr(plugin(kind, name), "in_space", False))
