@@ -31,6 +31,22 @@ def require_in_space(model: Model, losses: Mapping[str, Loss]) -> None:
         )
 
 
+def require_in_plane(losses: Mapping[str, Loss]) -> None:
+    """Check that the terms of a loss suit the side face.
+
+    Raises
+    ------
+    InputError
+        When one of them knows the whole body alone.
+    """
+    for name, loss in losses.items():
+        if not loss.in_plane:
+            raise InputError(
+                f"Loss {name} balances the whole body: choose observation.of=body, or leave it out; on the side face "
+                "loss section balances a section."
+            )
+
+
 def _able(kind: str) -> str:
     """Names of the plugins of a kind that suit a whole body."""
     return ", ".join(name for name in names(kind) if getattr(plugin(kind, name), "in_space", False))

@@ -27,7 +27,8 @@ class Loss(ABC):
     A subclass sets `order`, the highest spatial derivative that it needs (0, 1 or 2): the jet of the field is computed
     once per step, to the highest order that any term needs, and shared by all terms at the training points. It sets
     `one_pressure`, if its own points have to be visited all at the same pressure, `unit`, for figures and tables, and
-    `in_space`, if it holds for a whole body too and not for its side face alone.
+    `in_space`, if it holds for a whole body too and not for its side face alone, and clears `in_plane`, if it holds for
+    a whole body alone.
 
     Attributes
     ----------
@@ -40,6 +41,7 @@ class Loss(ABC):
     one_pressure: ClassVar[bool] = False
     unit: ClassVar[str] = ""
     in_space: ClassVar[bool] = False
+    in_plane: ClassVar[bool] = True
 
     weight: float = 1.0
 

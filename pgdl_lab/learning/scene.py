@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,8 @@ class Scene:
         Weight per undeformed volume along x and z [N/mm³].
     finger
         The finger, for losses that ask for its law or its profile; None for data of unknown origin.
+    provenance
+        How it was simulated, for losses that ask for its finite elements.
     """
 
     domain: Domain
@@ -37,6 +41,7 @@ class Scene:
     shear_modulus_mpa: float
     body_force_n_mm3: tuple[float, float]
     finger: Finger | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def kept_domain(self) -> Domain | None:
@@ -68,4 +73,5 @@ class Scene:
             shear_modulus_mpa=finger.material.shear_modulus_mpa,
             body_force_n_mm3=(force_x, force_z),
             finger=finger,
+            provenance=snapshots.provenance,
         )

@@ -19,7 +19,7 @@ from pgdl_lab.core.observation import BODY, FACE
 from pgdl_lab.core.registry import describe
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.doubt import trained
-from pgdl_lab.learning.in_space import require_in_space
+from pgdl_lab.learning.in_space import require_in_plane, require_in_space
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.running.cache import simulate
 from pgdl_lab.running.epoch_logger import EpochLogger
@@ -37,6 +37,8 @@ def check(experiment: Experiment) -> None:
     if observation.of == BODY:
         require_in_space(experiment.model, experiment.loss)
         nodes = split.points + 1  # the mesh is not made yet: whether it has so many is asked again
+    else:
+        require_in_plane(experiment.loss)
     split.check(observation.cases(experiment.finger.max_kpa), nodes)
     for loss in experiment.loss.values():
         loss.check(experiment.finger)
