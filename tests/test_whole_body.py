@@ -61,8 +61,8 @@ def test_body_at_the_observed_pressures_is_in_equilibrium() -> None:
     between = np.abs(data.pressures_kpa[:, None] - body().pressures_kpa).min(axis=1) > 0.1
     assert between.any()
     place = int(np.flatnonzero(between)[0])
-    loads = model.amplitudes(float(data.pressures_kpa[place]))
-    true = solve(model.equilibrium, symmetric_solver(), data.displacements[place], loads, 1e-9).displacement
+    acting = model.amplitudes(float(data.pressures_kpa[place]))
+    true = solve(model.equilibrium, symmetric_solver(), data.displacements[place], acting, 1e-9).displacement
     assert np.abs(true - data.displacements[place]).max() < 2e-5  # fem.interpolation_mm is 1e-5
 
 
@@ -81,6 +81,8 @@ def test_a_body_without_tangents_is_known_at_its_equilibria_alone() -> None:
     np.testing.assert_array_equal(at.displacements, body().displacements[[2, 4]])
     with pytest.raises(lab.InputError, match="pressures alone, without tangents"):
         followed(bare, np.array([0.123]))
+    with pytest.raises(lab.InputError, match="of several simulations: follow each alone"):
+        followed(Dataset.joined([body(), body()], gravity_deg=[0.0, 1.0]), np.array([5.0]))
     with pytest.raises(lab.InputError, match="this model knows no whole body: leave out observation.of=body"):
         observed(small(), lab.Observation(of="body"))
     with pytest.raises(lab.InputError, match="observation.of is 'all'; it must be face or body"):
@@ -204,8 +206,8 @@ def test_pictures_from_the_side(surrogate: Surrogate, tmp_path: Path) -> None:
 
 
 def test_series_for_paraview_holds_both_fields_and_the_stress(surrogate: Surrogate, tmp_path: Path) -> None:
-    data = replace(observed_body(), cases=observed_body().cases.at(np.array([-2, -1])))
-    data = replace(data, fields={"displacement_mm": observed_body().displacements[-2:]})
+    whole = observed_body()
+    data = Dataset.path(whole.domain, whole.pressures_kpa[-2:], whole.displacements[-2:], provenance=whole.provenance)
     series = write_body(surrogate, data, tmp_path)
     assert series.read_text().count("<DataSet") == 2
     mesh, predicted = meshio.read(tmp_path / "body_001.vtu"), surrogate.predict(data.domain.points_mm, 10.0)

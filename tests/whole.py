@@ -54,7 +54,7 @@ def learnt(folder: Path, model: str = "pod", losses: tuple[str, ...] = ("data",)
     data = observed_body()
     how = training(
         folder, dict.fromkeys(losses, {}), samples=Samples.of(data, train_points()),
-        scene=Scene.of(whole_finger(), data), provenance=data.provenance, max_epochs=fields.pop("max_epochs", 3),
-        lr=fields.pop("lr", 1e-3),
+        scene=Scene.of(whole_finger(), data), provenance=data.provenance,
+        max_epochs=fields.pop("max_epochs", 3), lr=fields.pop("lr", 1e-3),
     )  # fmt: skip
     return trained(plugin("model", model)(**fields), how)

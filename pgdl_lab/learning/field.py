@@ -47,9 +47,7 @@ class Field(nn.Module, ABC):
         """Displacements (P, N, d) [mm] of all points with coordinates (1, N, F) in all cases (P, D)."""
         count = coordinates.shape[1]
         fields = [self(coordinates, case.expand(count, -1)) for case in cases]
-        if not fields:
-            return self(coordinates, coordinates.new_zeros(count, cases.shape[1]))[None][:0]
-        return torch.stack(fields)
+        return torch.stack(fields) if fields else self(coordinates, cases.new_zeros(count, cases.shape[1]))[None][:0]
 
 
 class ReadOutField(Field):
@@ -76,8 +74,8 @@ class PlaneField(ReadOutField):
     Parameters
     ----------
     layers
-        A sequence that ends with a linear layer and an `Affine`. Takes x, in space y, z [mm] and the case,
-        (…, d + D); gives (…, d) [mm]. Scaling is part of it, so that every derivative of the field is physical.
+        A sequence that ends with a linear layer and an `Affine`. Takes x, in space y, z [mm] and the case, (…, d + D);
+        gives (…, d) [mm]. Scaling is part of it, so that every derivative of the field is physical.
     dtype
         Type of the weights.
     """

@@ -78,7 +78,7 @@ def bars_left_out(model: Trainable, training: Training, field: ReadOutField, spe
 def scores_left_out(model: Trainable, training: Training, field: Any, folder: Path) -> NDArray[np.float64] | None:
     """Scores (n, 2) [mm], see `scores_mm`, at all points of a training, of networks that were trained without each."""
     whole, rng = training.whole, np.random.default_rng(training.seed)
-    scores, rho = np.empty((len(whole), whole.displacements_mm.shape[1])), ridge_of(field, training.samples)
+    scores, rho = np.empty(whole.displacements_mm.shape), ridge_of(field, training.samples)
     known, simulation = np.unique(whole.cases.simulation, return_inverse=True)
     part = rng.permutation(len(known))[simulation] % PARTS if len(known) > 1 else rng.permutation(len(whole)) % PARTS
     for number in np.unique(part):

@@ -40,7 +40,7 @@ class LinearModel(Model):
     Attributes
     ----------
     degree
-        Degree of the polynomials in the pressure, of several inputs together at most that, see `basis_of`; null: 7 on
+        Degree of the polynomials in the pressure; in several inputs together at most that, see `basis_of`. null: 7 on
         the side face, 5 in a whole body, where each degree more costs much time.
     """
 

@@ -147,6 +147,7 @@ class FieldProbe(Probe):
         values = torch.from_numpy(np.atleast_1d(np.asarray(case, dtype=np.float64))).to(self._coordinates.dtype)
         cases = values.repeat(self._coordinates.shape[1], 1).requires_grad_()
         field = self._field(self._coordinates, cases)
-        along = [torch.autograd.grad(field[:, i].sum(), cases, retain_graph=True)[0] for i in range(field.shape[1])]
+        count = field.shape[1]
+        along = [torch.autograd.grad(field[:, i].sum(), cases, retain_graph=i < count - 1)[0] for i in range(count)]
         slopes = torch.stack(along, dim=1).double().numpy()
         return slopes if np.ndim(case) else slopes[..., 0]

@@ -188,14 +188,14 @@ class History:
         """Those of `pressures_kpa` (P,) [kPa] that the branch reaches."""
         return pressures_kpa[pressures_kpa <= self.reached_kpa * (1 + 1e-12)]
 
+    def at(self, kpa: float) -> Array:
+        """Displacement (N, 3) [mm] of all nodes at a pressure [kPa]."""
+        return self.branch.at(kpa)
+
     def body(self, domain: Domain) -> Dataset:
         """The equilibria and their tangents on the whole body."""
         fields = {DISPLACEMENT: np.array(self.branch.displacements), TANGENT: np.array(self.branch.slopes)}
         return replace(Dataset.path(domain, np.array(self.branch.parameters), fields[DISPLACEMENT]), fields=fields)
-
-    def at(self, kpa: float) -> Array:
-        """Displacement (N, 3) [mm] of all nodes at a pressure [kPa]."""
-        return self.branch.at(kpa)
 
 
 def load(

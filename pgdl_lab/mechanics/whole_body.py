@@ -36,8 +36,10 @@ def followed(body: Dataset, pressures_kpa: NDArray[np.float64]) -> Dataset:
     Raises
     ------
     InputError
-        When there is a pressure without an equilibrium and there are no tangents.
+        When there is a pressure without an equilibrium and there are no tangents, or several simulations are joined.
     """
+    if body.cases.simulation.any():
+        raise InputError("This body is that of several simulations: follow each alone, and join them afterwards.")
     known = body.pressures_kpa
     nearest = np.abs(known[:, None] - pressures_kpa).argmin(axis=0)
     if np.allclose(known[nearest], pressures_kpa, rtol=1e-12):

@@ -24,7 +24,7 @@ class At:
     surrogate
         The surrogate.
     points_mm
-        (N, 2), checked points [mm].
+        (N, d), checked points [mm].
     probe
         The surrogate at them.
     beyond
@@ -40,11 +40,11 @@ class At:
         self._least, self._most = (-largest, largest) if beyond else (allowed.least, allowed.most)
 
     def __call__(self, pressure_kpa: Asked) -> Floats:
-        """Displacement (N, 2) [mm] at a pressure [kPa], or in a case of several inputs, see `Surrogate.predict`."""
+        """Displacement (N, d) [mm] at a pressure [kPa], or in a case of several inputs, see `Surrogate.predict`."""
         return self._probe.value(self._checked(pressure_kpa))
 
     def slope(self, pressure_kpa: Asked) -> Floats:
-        """Derivative (N, 2) of the displacement by the pressure [mm/kPa], or (N, 2, D) by each of several inputs."""
+        """Derivative (N, d) of the displacement by the pressure [mm/kPa], or (N, d, D) by each of several inputs."""
         return self._probe.slope(self._checked(pressure_kpa))
 
     def _checked(self, asked: Asked) -> Case:

@@ -26,7 +26,7 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 
 
 class NetworkSurrogate(Surrogate):
-    """A fully connected network of place [mm] and inputs, as a rule the pressure [kPa], in float64.
+    """A fully connected network of place [mm] and the inputs, as a rule the pressure [kPa], in float64.
 
     Parameters
     ----------

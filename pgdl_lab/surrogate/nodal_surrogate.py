@@ -75,14 +75,14 @@ class NodalSurrogate(Surrogate):
 
     def probe(self, points_mm: Floats) -> Probe:
         corners, weights = self._body.locate(points_mm)
-        modes, share = self._state["modes"], weights[:, :, None, None]
-        local = share[:, 0] * modes[corners[:, 0]]  # (n, K, d); corner by corner, in one order
+        nodal, share = self._state["modes"], weights[:, :, None, None]
+        local = share[:, 0] * nodal[corners[:, 0]]  # (n, K, d); corner by corner, in one order
         for corner in range(1, corners.shape[1]):
-            local = local + share[:, corner] * modes[corners[:, corner]]
-        of_points, amplitudes_mm = local.transpose(1, 0, 2), self._state["amplitudes"]
+            local = local + share[:, corner] * nodal[corners[:, corner]]
+        modes, amplitudes_mm = local.transpose(1, 0, 2), self._state["amplitudes"]
         if len(self._basis.ranges) > 1:
-            return BasisProbe(of_points, amplitudes_mm, self._basis)
-        return PolynomialProbe(of_points, amplitudes_mm, self._state["range_kpa"])
+            return BasisProbe(modes, amplitudes_mm, self._basis)
+        return PolynomialProbe(modes, amplitudes_mm, self._state["range_kpa"])
 
     def bars(self, points_mm: Floats, cases: Floats) -> Floats | None:
         if "bar_deviations" not in self._state:

@@ -19,7 +19,8 @@ class Record:
     Attributes
     ----------
     ranges
-        Least and greatest training value: "x_mm", of a body "y_mm", "z_mm" and each input, as a rule "pressure_kpa".
+        Least and greatest training value: "x_mm", of a body "y_mm", "z_mm", and each input, as a rule
+        "pressure_kpa" alone.
     provenance
         Where the training data come from; "warnings" are sentences on what may be wrong with them and with the
         training.

@@ -42,9 +42,10 @@ Floats = NDArray[np.float64]
 class Surrogate(Watched):
     """The displacement of the side face or of the whole body as a function of place and inputs.
 
-    Threads may share one. The input is the pressure, or there are several, each with a name that ends with its unit.
-    What is said of a pressure below holds for a case of these too, where it is given as {"pressure_kpa": 20.0,
-    "gravity_deg": 30.0}.
+    Threads may share one.
+
+    The input is the pressure, or there are several, each with a name that ends with its unit. What is said of a
+    pressure below holds for a case of these too, where it is given as {"pressure_kpa": 20.0, "gravity_deg": 30.0}.
 
     Parameters
     ----------
@@ -107,7 +108,7 @@ class Surrogate(Watched):
 
     @property
     def ranges(self) -> dict[str, list[float]]:
-        """Least and greatest training value: "x_mm", of a body "y_mm", "z_mm" and each input, as "pressure_kpa"."""
+        """Least and greatest training value: "x_mm", of a body "y_mm", "z_mm" and each input: "pressure_kpa"."""
         return {name: list(bounds) for name, bounds in self.record.ranges.items()}
 
     @property
@@ -144,7 +145,8 @@ class Surrogate(Watched):
             raise InputError("A picture shows one case: give one value of each input.")
         (case,), _ = cases_of(pressure_kpa, self.inputs)
         where = [limit.told(value) for limit, value in zip(self.limits, np.atleast_1d(case), strict=True)]
-        return plot_side(domain, moved_mm, f"model {self.model['name']} at {', '.join(where)}", axes)
+        title = f"model {self.model['name']} at {', '.join(where)}"
+        return plot_side(domain, moved_mm, title, axes)
 
     def _repr_html_(self) -> str:
         """The viewer, for notebooks."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @register("model", "mlp")
 @dataclass(frozen=True)
 class Mlp(NeuralModel):
-    """A fully connected network of (x, z, p), as in the paper (section II-E), of a body (x, y, z, p); p all inputs.
+    """A fully connected network of (x, z, p), as in the paper (section II-E), p all inputs; of a body of (x, y, z, p).
 
     Attributes
     ----------
@@ -47,8 +47,8 @@ class Mlp(NeuralModel):
         ))  # fmt: skip
 
     def stored_field(self, state: Mapping[str, Tensor]) -> PlaneField:
-        scales = {int(name.split(".")[1]): len(state[name]) for name in state if name.endswith(".scale")}
-        inputs, outputs = scales[0], scales[max(scales)]
+        scales = [len(array) for name, array in state.items() if name.endswith(".scale")]
+        inputs, outputs = max(scales), min(scales)  # place and case, and the components of the displacement
         return self._field(np.zeros(inputs), np.ones(inputs), np.zeros(outputs), np.ones(outputs))
 
     def _field(self, low_in: np.ndarray, high_in: np.ndarray, low_out: np.ndarray, high_out: np.ndarray) -> PlaneField:
