@@ -163,7 +163,9 @@ def test_what_knows_the_side_face_alone_says_what_does_not(tmp_path: Path) -> No
     with pytest.raises(lab.InputError, match=f"model=hybrid learns the side face alone: .* one of {able}, or"):
         learnt(tmp_path, "hybrid")
     losses = {name: plugin("loss", name)() for name in ("data", "traction", "navier_cauchy")}
-    with pytest.raises(lab.InputError, match="Loss traction, navier_cauchy .* choose among boundary, data, or"):
+    with pytest.raises(
+        lab.InputError, match="Loss traction, navier_cauchy .* among boundary, data, equilibrium, or"
+    ):
         require_in_space(plugin("model", "mlp")(), losses)
     with pytest.raises(lab.InputError, match="model=body learns the side face alone"):
         pipeline.check(experiment(["observation.of=body", "model=body"]))
