@@ -113,12 +113,15 @@ def train(
     """
     from pgdl_lab.assessment.comparison import Comparison
     from pgdl_lab.learning.doubt import trained
+    from pgdl_lab.mechanics.whole_body import learnable
     from pgdl_lab.surrogate.surrogate import ERROR
 
     made = Experiment.of(
         finger=_finger(data), split=split, model=model, loss=loss, trainer=trainer, optimizer=optimizer,
         balancing=balancing, seed=seed,
     )  # fmt: skip
+    if data.domain.is_body:
+        data = learnable(data)
     made.model.left_out(made.loss)
     for each in made.loss.values():
         each.check(made.finger)

@@ -14,6 +14,7 @@ from pgdl_lab.core.inputs import Cases
 from pgdl_lab.core.registry import plugin
 from pgdl_lab.export.export import Form, export
 from pgdl_lab.learning.data import Samples
+from pgdl_lab.learning.doubt import trained
 from pgdl_lab.learning.polynomials import MOST, basis_of
 from pgdl_lab.surrogate.calibration import bar_deviations
 from pgdl_lab.surrogate.limits import Outside, TooFar, along
@@ -211,7 +212,7 @@ def test_questions_about_several_inputs_are_checked() -> None:
     found, point = surrogate("finite_element"), [[20.0, 5.0]]
     for asked, told in [
         (20.0, r"has 2 inputs: give each by its name, as in {'pressure_kpa': …, 'gravity_deg': …}"),
-        ({"pressure_kpa": 20.0}, "The inputs pressure_kpa are given; it must be pressure_kpa, gravity_deg"),
+        ({"pressure_kpa": 20.0}, "gravity_deg is missing: give pressure_kpa, gravity_deg"),
         ({"pressure_kpa": [1.0, 2.0], "gravity_deg": [1.0, 2.0, 3.0]}, "have 2 and 3 values; give as many of each"),
         ({"pressure_kpa": 20.0, "gravity_deg": np.inf}, "gravity_deg holds 1 values that are not finite"),
         ({"pressure_kpa": 20.0, "gravity_deg": [[1.0]]}, r"gravity_deg has shape \(1, 1\).* in °"),
@@ -229,7 +230,7 @@ def test_questions_about_several_inputs_are_checked() -> None:
         found.pressure_for(curvature=1.0)
     with pytest.raises(TooFar, match="gravity_deg = 100"):
         found.holding(gravity_deg=100.0)
-    with pytest.raises(InputError, match="it must be pressure_kpa, gravity_deg"):
+    with pytest.raises(InputError, match="gravity_deg is missing: give pressure_kpa, gravity_deg"):
         found.holding(wall_mm=1.0)
     with pytest.raises(InputError, match="save the one of all inputs"):
         found.holding(gravity_deg=1.0).save("a.pt")
@@ -252,3 +253,11 @@ def test_the_plain_form_holds_several_inputs_and_a_graph_does_not(tmp_path: Path
     assert len(graphs) == 2 and all("A graph takes the pressure alone" in str(reason) for reason in graphs)
     asked = {"pressure_kpa": [10.0, 20.0], "gravity_deg": 5.0}
     assert np.array_equal(load(plain.path).predict([[20.0, 5.0]], asked), found.predict([[20.0, 5.0]], asked))
+
+
+def test_a_model_of_the_pressure_alone_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = joined()
+    how = training(tmp_path, {"data": {}}, samples=Samples.of(data, np.arange(900)), scene=scene(data))
+    monkeypatch.setattr(plugin("model", "pod"), "several_inputs", False)
+    with pytest.raises(InputError, match="model=pod knows the pressure alone, and the data have pressure_kpa, grav"):
+        trained(plugin("model", "pod")(), how)

@@ -137,3 +137,35 @@ def test_describe_gives_json_types() -> None:
     registry.register("split", "thing")(Thing)
     described = registry.describe(Thing())
     assert json.loads(json.dumps(described)) == described
+
+
+def test_a_file_that_is_imported_under_another_name_is_told_how(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (folder / "own.py").write_text(PLUGIN.format(name="odd"))
+    monkeypatch.syspath_prepend(folder)
+    importlib.import_module("own")
+    registry.discover()
+    assert "pgdl_lab.discover() and import it as pgdl_lab.plugins.split.own" in caplog.text
+    sys.modules.pop("own")
+
+
+def test_a_field_without_its_type_is_refused() -> None:
+    @dataclass(frozen=True)
+    class Base:
+        share: float = 0.5
+
+    with pytest.raises(InputError, match="split 'odd' sets share = 0.7 without a type.* write share: float = 0.7"):
+
+        @registry.register("split", "odd")
+        class Bare(Base):
+            share = 0.7
+
+    with pytest.raises(InputError, match="sets share = 0.7 without a type"):
+
+        @registry.register("split", "odd")
+        @dataclass(frozen=True)
+        class Untyped(Base):
+            share = 0.7
+
+    assert "odd" not in registry.names("split")

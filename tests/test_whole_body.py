@@ -21,7 +21,7 @@ from pgdl_lab.learning.in_space import require_in_space
 from pgdl_lab.mechanics.derived import Mechanics
 from pgdl_lab.mechanics.linear import symmetric_solver
 from pgdl_lab.mechanics.newton import solve
-from pgdl_lab.mechanics.whole_body import followed, observed
+from pgdl_lab.mechanics.whole_body import followed, learnable, observed
 from pgdl_lab.running import pipeline
 from pgdl_lab.running.composing import experiment
 from pgdl_lab.running.paraview import write_body
@@ -163,9 +163,7 @@ def test_what_knows_the_side_face_alone_says_what_does_not(tmp_path: Path) -> No
     with pytest.raises(lab.InputError, match=f"model=hybrid learns the side face alone: .* one of {able}, or"):
         learnt(tmp_path, "hybrid")
     losses = {name: plugin("loss", name)() for name in ("data", "traction", "navier_cauchy")}
-    with pytest.raises(
-        lab.InputError, match="Loss traction, navier_cauchy .* among boundary, data, equilibrium, or"
-    ):
+    with pytest.raises(lab.InputError, match="Loss traction, navier_cauchy .* among boundary, data, equilibrium, or"):
         require_in_space(plugin("model", "mlp")(), losses)
     with pytest.raises(lab.InputError, match="model=body learns the side face alone"):
         pipeline.check(experiment(["observation.of=body", "model=body"]))
@@ -220,3 +218,15 @@ def test_series_for_paraview_holds_both_fields_and_the_stress(surrogate: Surroga
     mechanics = Mechanics.of(surrogate)
     expected = mechanics.mean(mechanics.von_mises_mpa(predicted))
     np.testing.assert_allclose(mesh.cell_data["von_mises_mpa"][0], expected)
+
+
+def test_a_body_of_elements_with_20_nodes_is_learnt_at_their_corners(tmp_path: Path) -> None:
+    data = solid(element="hex20", edge_mm=8.0).simulate(whole_finger(), PRESSURES)
+    assert data.body is not None and data.body.domain.cell_type == "hexahedron20"
+    corners = learnable(data.body)
+    assert corners.domain.fits() and corners.fits() and corners.domain.cell_type == "hexahedron"
+    assert len(corners.domain.points_mm) < len(data.body.domain.points_mm)
+    assert set(corners.domain.mesh.simplices.ravel()) == set(range(len(corners.domain.points_mm)))
+    found = lab.train(data.body, lab.Pod(rounds=1), split=lab.RandomSplit(points=500))
+    error = found.predict(corners.domain.points_mm, 10.0) - corners.displacements[-1]
+    assert np.sqrt((error**2).mean()) < 0.05 * np.sqrt((corners.displacements[-1] ** 2).mean())

@@ -14,8 +14,9 @@ import importlib
 import json
 import logging
 import pkgutil
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from difflib import get_close_matches
 from functools import partial
 from importlib.metadata import entry_points
@@ -40,6 +41,21 @@ _nodes: dict[tuple[str, str], tuple[DictConfig, str | None]] = {}
 Plugin = TypeVar("Plugin", bound=type)
 
 
+def _file_of(cls: type) -> str | None:
+    return getattr(sys.modules.get(cls.__module__), "__file__", None)
+
+
+def _require_typed(cls: type, kind: str, name: str) -> None:
+    """Refuse a field whose default was changed without its type, which a dataclass would leave as it was."""
+    for field in fields(cls) if is_dataclass(cls) else ():
+        given = vars(cls).get(field.name, field.default)
+        if given is not field.default and not isinstance(given, property):
+            raise InputError(
+                f"{kind} '{name}' sets {field.name} = {given!r} without a type, so that it would be left as it was: "
+                f"write {field.name}: {type(given).__name__} = {given!r} below @dataclass(frozen=True)."
+            )
+
+
 def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
     """Class decorator that makes a frozen dataclass the choice `name` of `kind`.
 
@@ -53,7 +69,13 @@ def register(kind: str, name: str) -> Callable[[Plugin], Plugin]:
     known = _plugins[closest(kind, _plugins, "plugin kind")]
 
     def decorate(cls: Plugin) -> Plugin:
+        _require_typed(cls, kind, name)
         other = known.get(name)
+        if other is not None and _file_of(other) == _file_of(cls) is not None and other.__module__ != cls.__module__:
+            raise InputError(
+                f"{kind} '{name}' of {_file_of(cls)} was imported under another name: call pgdl_lab.discover() and "
+                f"import it as pgdl_lab.plugins.{kind}.{cls.__module__.rpartition('.')[2]}."
+            )
         if other is not None and (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
             raise InputError(f"{kind} '{name}' is registered by {other.__module__} and {cls.__module__}: rename one.")
         named: Any = cls

@@ -53,7 +53,7 @@ class Split(ABC):
         InputError
             When no case is in range, too many points are asked for, or no test point is left.
         """
-        snapshots = int(self.seen(cases).sum())
+        snapshots = len(self._seen(cases))
         available, total = snapshots * nodes, len(cases) * nodes
         if snapshots == 0:
             raise InputError(
@@ -70,6 +70,16 @@ class Split(ABC):
                 f"split.points is {self.points}, which is every point and leaves none to test on; ask for fewer."
             )
 
+    def _seen(self, cases: Cases) -> NDArray[np.int64]:
+        """Indices of the cases that may give training points."""
+        seen = np.asarray(self.seen(cases))
+        if seen.dtype != bool or seen.shape != (len(cases),):
+            raise InputError(
+                f"{type(self).__name__}.seen gave {seen.dtype} of shape {seen.shape}; it must give bool of shape "
+                f"({len(cases)},), one for each case."
+            )
+        return np.flatnonzero(seen)
+
     def train_points(self, data: Dataset, seed: int) -> NDArray[np.int64]:
         """Sorted indices (n,) of the training points, drawn evenly from the seen cases.
 
@@ -80,7 +90,7 @@ class Split(ABC):
         """
         nodes = len(data.domain.points_mm)
         self.check(data.cases, nodes)
-        seen = np.flatnonzero(self.seen(data.cases))
+        seen = self._seen(data.cases)
         drawn = np.random.default_rng(seed).choice(len(seen) * nodes, self.points, replace=False)
         return np.sort(seen[drawn // nodes] * nodes + drawn % nodes)
 
@@ -98,7 +108,7 @@ class Split(ABC):
             (n,), indices of the training points.
         """
         nodes = len(data.domain.points_mm)
-        seen = np.flatnonzero(self.seen(data.cases))
+        seen = self._seen(data.cases)
         others = np.setdiff1d((seen[:, None] * nodes + np.arange(nodes)).ravel(), train, assume_unique=True)
         count = min(SELECTED, len(others) // 10)
         return np.sort(np.random.default_rng([seed, SELECTION]).choice(others, count, replace=False))

@@ -38,7 +38,8 @@ def plain_state(surrogate: Surrogate) -> tuple[str, dict[str, NDArray[Any]]]:
 
     field = getattr(surrogate, "field", None)
     if not isinstance(field, PlaneField) or surrogate.model["activation"] not in ACTIVATIONS:
-        raise InputError(f"Model {surrogate.model['name']} has no plain NumPy form: use its ONNX file.")
+        other = "ONNX file" if field is not None else "surrogate.pt"
+        raise InputError(f"Model {surrogate.model['name']} has no plain NumPy form: use its {other}.")
     layers: dict[int, list[NDArray[Any]]] = {}
     bars: dict[str, NDArray[Any]] = {}
     for name, array in surrogate.state().items():

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pgdl_lab.core.heard import WARNINGS, heard
 from pgdl_lab.core.simplices import place
 from pgdl_lab.learning.data import Samples, Training
-from pgdl_lab.learning.in_space import require_in_plane, require_in_space
+from pgdl_lab.learning.in_space import require_in_plane, require_in_space, require_inputs
 from pgdl_lab.learning.model import Model
 from pgdl_lab.surrogate.calibration import NORMAL
 from pgdl_lab.surrogate.surrogate import Surrogate
@@ -34,6 +34,7 @@ def trained(model: Model, training: Training) -> Surrogate:
     InputError, TrainingDiverged
         See `Model.fit`.
     """
+    require_inputs(model, training.samples.cases.names)
     if training.scene.domain.is_body:
         require_in_space(model, training.losses)
     else:

@@ -1,10 +1,11 @@
-"""What can be learnt of a whole body: not every model and loss goes beyond the side face."""
+"""What can be learnt: not every model and loss goes beyond the side face and the pressure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.core.inputs import PRESSURE
 from pgdl_lab.core.registry import describe, names, plugin
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.model import Model
@@ -47,6 +48,21 @@ def require_in_plane(losses: Mapping[str, Loss]) -> None:
             )
 
 
-def _able(kind: str) -> str:
-    """Names of the plugins of a kind that suit a whole body."""
-    return ", ".join(name for name in names(kind) if getattr(plugin(kind, name), "in_space", False))
+def require_inputs(model: Model, inputs: Sequence[str]) -> None:
+    """Check that a model takes these inputs.
+
+    Raises
+    ------
+    InputError
+        When it knows the pressure alone, and there are others.
+    """
+    if list(inputs) != [PRESSURE] and not model.several_inputs:
+        raise InputError(
+            f"model={describe(model)['name']} knows the pressure alone, and the data have {', '.join(inputs)}: choose "
+            f"one of {_able('model', 'several_inputs')}."
+        )
+
+
+def _able(kind: str, what: str = "in_space") -> str:
+    """Names of the plugins of a kind that suit a whole body, or several inputs."""
+    return ", ".join(name for name in names(kind) if getattr(plugin(kind, name), what, False))

@@ -45,6 +45,7 @@ class LinearModel(Model):
     """
 
     in_space: ClassVar[bool] = True
+    several_inputs: ClassVar[bool] = True
     on_face: ClassVar[int] = 7
 
     degree: int | None = None
@@ -94,8 +95,13 @@ def require_data(name: str, losses: Mapping[str, Loss]) -> None:
     if not losses.get(DATA) or not losses[DATA].weight:
         raise InputError(
             f"model={name} is fitted to the data, and loss=[{','.join(losses)}] does not count them: add {DATA} with a "
-            "weight above 0 to the losses, or choose a network such as model=body."
+            f"weight above 0 to the losses, or choose a network such as model={network_for(losses)}."
         )
+
+
+def network_for(losses: Mapping[str, Loss]) -> str:
+    """A network that takes these terms."""
+    return "body" if all(loss.in_plane for loss in losses.values()) else "mlp"
 
 
 def left_out(name: str, losses: Mapping[str, Loss], held: Collection[str], why: str) -> dict[str, str]:
@@ -121,7 +127,7 @@ def left_out(name: str, losses: Mapping[str, Loss], held: Collection[str], why: 
     if refused:
         raise InputError(
             f"model={name} is fitted to data alone and cannot take in loss {', '.join(refused)}; leave it out, give it "
-            "the weight 0 to see its value, or choose a network such as model=body."
+            f"the weight 0 to see its value, or choose a network such as model={network_for(losses)}."
         )
     return dict.fromkeys(counted, why)
 

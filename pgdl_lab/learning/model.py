@@ -21,10 +21,12 @@ if TYPE_CHECKING:
 class Model(ABC):
     """A rule that learns a surrogate; its fields are its hyperparameters.
 
-    A subclass sets `in_space` if it can learn a whole body, and not only its side face.
+    A subclass sets `in_space` if it can learn a whole body, and not only its side face, and `several_inputs` if it
+    takes more inputs than the pressure.
     """
 
     in_space: ClassVar[bool] = False
+    several_inputs: ClassVar[bool] = False
 
     def left_out(self, losses: Mapping[str, Loss]) -> dict[str, str]:
         """Terms of the loss that this model cannot use, and why; networks use all.

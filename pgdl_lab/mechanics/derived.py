@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -95,13 +96,8 @@ class Mechanics:
         isochoric = np.moveaxis(
             self.model.finger.material.isochoric(right, tangent=False).stress[PLACES], (0, 1), (2, 3)
         )
-        try:
+        with _whole():
             pressure = self.model.equilibrium.solid.pressure(moved)
-        except InvertedElement:
-            raise InputError(
-                "This displacement turns an element inside out, so that it has no stress: take one of the simulation, "
-                "or train on more points."
-            ) from None
         deviatoric = f @ isochoric @ f.swapaxes(2, 3) / np.linalg.det(f)[..., None, None]
         result: Array = deviatoric + pressure[..., None, None] * np.eye(3)
         return result
@@ -124,7 +120,9 @@ class Mechanics:
         They cancel where the finger is in equilibrium. The first comes from the stress at the clamp, which a small
         error of the displacement changes much; the second does not.
         """
-        reaction, load = self.model.reaction_and_load_n(self._checked(displacement_mm), pressure_kpa)
+        moved = self._checked(displacement_mm)
+        with _whole():
+            reaction, load = self.model.reaction_and_load_n(moved, pressure_kpa)
         if self._copies == 2:  # forces along y of both halves cancel
             reaction, load = (each * [2.0, 0.0, 2.0] for each in (reaction, load))
         return reaction, load
@@ -171,3 +169,15 @@ class Mechanics:
                 "the whole body."
             )
         return moved
+
+
+@contextmanager
+def _whole() -> Iterator[None]:
+    """Tell of a displacement that has no stress."""
+    try:
+        yield
+    except InvertedElement:
+        raise InputError(
+            "This displacement turns an element inside out, so that it has no stress: take one of the simulation, or "
+            "train on more points."
+        ) from None

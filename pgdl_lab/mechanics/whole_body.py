@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pgdl_lab.core.dataset import Dataset
 from pgdl_lab.core.dataset_file import TANGENT
+from pgdl_lab.core.domain import Domain
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.observation import BODY, Observation
 from pgdl_lab.mechanics.path import Branch
@@ -27,7 +28,20 @@ def observed(data: Dataset, observation: Observation) -> Dataset:
     if data.body is None:
         fem = data.provenance.get("fem", {}).get("name", "this model")
         raise InputError(f"fem={fem} knows no whole body: leave out observation.of={BODY}, or choose fem=solid.")
-    return followed(data.body, data.pressures_kpa)
+    return learnable(followed(data.body, data.pressures_kpa))
+
+
+def learnable(body: Dataset) -> Dataset:
+    """A body whose nodes are all corners of simplices: of elements with 20 nodes the corners alone."""
+    domain = body.domain
+    if domain.cell_type != "hexahedron20":
+        return body
+    nodes, cells = np.unique(domain.cells[:, :8], return_inverse=True)
+    number = np.full(len(domain.points_mm), -1)
+    number[nodes] = np.arange(len(nodes))
+    base, clamp = (number[each][number[each] >= 0] for each in (domain.base, domain.clamp))
+    corners = Domain(domain.points_mm[nodes], cells.reshape(-1, 8), "hexahedron", base, clamp)
+    return replace(body, domain=corners, fields={name: field[:, nodes] for name, field in body.fields.items()})
 
 
 def followed(body: Dataset, pressures_kpa: NDArray[np.float64]) -> Dataset:

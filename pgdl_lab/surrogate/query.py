@@ -58,7 +58,10 @@ def cases_of(asked: Asked, names: Sequence[str]) -> tuple[Floats, bool]:
         single = _values(asked, names[0])
         return np.atleast_1d(single), not single.ndim
     if set(asked) != set(names):
-        raise InputError(f"The inputs {', '.join(map(str, asked))} are given; it must be {', '.join(names)}.")
+        missing = [name for name in names if name not in asked]
+        unknown = [str(name) for name in asked if name not in names]
+        told = f"{', '.join(missing)} is missing" if missing else f"{', '.join(unknown)} is unknown"
+        raise InputError(f"{told}: give {', '.join(names)}.")
     columns = [_values(asked[name], name) for name in names]
     lengths = {len(column) for column in columns if column.ndim}
     if len(lengths) > 1:

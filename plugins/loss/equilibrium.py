@@ -27,13 +27,15 @@ class EquilibriumLoss(PhysicsLoss):
     rest; see `pgdl_lab.mechanics.residual`. So it is 1 for no displacement at all under the highest pressure, and its
     minimum, zero to the tolerance of the solver, lies at the simulated equilibria. Forward it costs the forces of all
     elements, backward their stiffness times a vector. Between equilibria the simulation itself is interpolated, which
-    leaves a trace of it.
+    leaves a trace of it. `physics_body.py` of the benchmarks measures what it buys a network: nothing at any weight.
     """
 
     in_space: ClassVar[bool] = True
     in_plane: ClassVar[bool] = False
     one_pressure: ClassVar[bool] = True
     unit: ClassVar[str] = "–"
+
+    weight: float = 1e-3
 
     def own_points(self, scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Nodes of the elements; no displacement is prescribed there."""

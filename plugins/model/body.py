@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.registry import register
@@ -30,6 +30,8 @@ class Body(NeuralModel):
     degree
         Degree of the polynomials in the pressure; in several inputs together at most that.
     """
+
+    several_inputs: ClassVar[bool] = True
 
     depth: int = 3
     modes: int = 256

@@ -37,6 +37,7 @@ class GaussianProcess(Model):
     """
 
     in_space: ClassVar[bool] = True
+    several_inputs: ClassVar[bool] = True
 
     points: int = 1000
     modes: int = 32

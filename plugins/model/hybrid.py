@@ -51,6 +51,7 @@ class Hybrid(TrainedModel):
     """
 
     optimizer: ClassVar[str] = "lbfgs"
+    several_inputs: ClassVar[bool] = True
 
     depth: int = 1
     width: int = 16

@@ -31,6 +31,7 @@ class Mlp(NeuralModel):
     """
 
     in_space: ClassVar[bool] = True
+    several_inputs: ClassVar[bool] = True
 
     interval: list[float] = field(default_factory=lambda: [-1.0, 1.0])
 

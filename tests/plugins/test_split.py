@@ -146,3 +146,13 @@ def test_one_point_is_enough_and_a_search_selects_by_2000_at_most() -> None:
     train = split.train_points(data, seed=0)
     assert len(train) == 1 and 50 * len(data.domain.points_mm) > 21_000
     assert len(split.selection_points(data, train, seed=0)) == 2000
+
+
+@pytest.mark.parametrize("given", [[True] * 100, np.ones(3, dtype=bool), np.ones(100)])
+def test_what_says_nothing_of_each_case_is_refused(given: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugin("split", "random"), "seen", lambda *_: given)
+    if isinstance(given, list):  # of bool, which is as good
+        make("random", points=5).check(Cases.path(KPA), 9)
+        return
+    with pytest.raises(InputError, match=r"RandomSplit.seen gave .*; it must give bool of shape \(100,\)"):
+        make("random", points=5).check(Cases.path(KPA), 9)
