@@ -1,3 +1,4 @@
+import copy
 import importlib
 import json
 import logging
@@ -14,6 +15,7 @@ from omegaconf import OmegaConf
 from pgdl_lab import plugins
 from pgdl_lab.core import registry
 from pgdl_lab.core.errors import InputError
+from pgdl_lab.running.composing import store_choices
 
 PLUGIN = """
 from dataclasses import dataclass
@@ -169,3 +171,12 @@ def test_a_field_without_its_type_is_refused() -> None:
             share = 0.7
 
     assert "odd" not in registry.names("split")
+
+
+def test_one_store_serves_all_copies_and_what_is_loaded_is_a_copy() -> None:
+    store_choices()
+    store = ConfigStore.instance()
+    assert copy.deepcopy({"repository": store})["repository"] is store
+    first, second = (store.load("split/random.yaml").node for _ in range(2))
+    first.points = 7
+    assert second.points != 7

@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from pgdl_lab.core import registry
 from pgdl_lab.core.paths import CONF
 from pgdl_lab.running.experiment import Experiment, drop_unchosen, store_schema
-from pgdl_lab.running.hydra_versions import BASE
+from pgdl_lab.running.hydra_versions import BASE, share_store
 
 
 def store_choices() -> None:
@@ -17,6 +17,7 @@ def store_choices() -> None:
     registry.discover()
     registry.store()
     store_schema()
+    share_store()
 
 
 def composed(choices: Sequence[str]) -> DictConfig:

@@ -5,6 +5,7 @@ from inspect import signature
 from typing import Any
 
 from hydra import main
+from hydra.core.config_store import ConfigStore
 from omegaconf import OmegaConf
 
 MAY_BE_MADE = ["pgdl_lab.*", "hydra_plugins.*", "optuna.*"]
@@ -25,3 +26,13 @@ def register_resolver(name: str, function: Callable[..., Any], use_cache: bool =
     if "replace" not in signature(register).parameters:  # before OmegaConf 2.4 that was another one
         register = OmegaConf.register_new_resolver
     register(name, function, replace=True, use_cache=use_cache)
+
+
+def share_store() -> None:
+    """Keep one ConfigStore for the process, as Hydra means it.
+
+    Hydra copies its repository of configurations before it lists a group or composes, and with it the store and every
+    choice in it, so that `--help` would copy all of them some hundred times. What is loaded from the store is copied
+    anyway.
+    """
+    ConfigStore.__deepcopy__ = lambda store, _: store  # type: ignore[attr-defined]
