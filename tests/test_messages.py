@@ -1,7 +1,9 @@
 """What a message tells to type is what can be typed."""
 
+import re
 import shlex
 import subprocess
+from typing import Any
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -9,9 +11,12 @@ from hydra.errors import OverrideParseException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from pgdl_lab.core.registry import discover, plugin
+from pgdl_lab.core.registry import discover, plugin, settings_of
 from pgdl_lab.learning.settings import TrainerSettings
 from pgdl_lab.running.messages import command, sentence, typed
+from pgdl_lab.studies.chart.settings import ChartSettings
+from pgdl_lab.studies.choosing.settings import ChooseSettings
+from pgdl_lab.studies.stability.run import StabilitySettings
 
 discover()
 
@@ -69,3 +74,18 @@ def test_a_value_of_the_wrong_type_is_told_in_the_words_of_the_lab(setting: str,
     with pytest.raises(OmegaConfBaseException) as error:
         OmegaConf.update(config, setting, value)
     assert sentence(error.value) == told
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "given", "told"),
+    [
+        (StabilitySettings, "stability", {"updates": "x"}, "stability.updates is 'x'; it must be a whole number"),
+        (ChartSettings, "chart", {"meshes": ["a"]}, r"chart.meshes\[0\] is 'a'; it must be a number"),
+        (ChooseSettings, "choose", {"meshes": 2}, "choose.meshes is 2; it must be a list"),
+        (ChartSettings, "chart", {"meshs": [1]}, "There is no chart field 'meshs'. Did you mean 'meshes'"),
+    ],
+)
+def test_settings_of_tasks_have_types_too(kind: type, name: str, given: dict[str, Any], told: str) -> None:
+    with pytest.raises(OmegaConfBaseException) as error:
+        settings_of(kind, name, given)
+    assert re.match(told, sentence(error.value))

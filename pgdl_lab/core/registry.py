@@ -39,6 +39,7 @@ _nodes: dict[tuple[str, str], tuple[DictConfig, str | None]] = {}
 """Configuration and package of what can be typed, by group and name."""
 
 Plugin = TypeVar("Plugin", bound=type)
+Settings = TypeVar("Settings")
 
 
 def _file_of(cls: type) -> str | None:
@@ -127,6 +128,21 @@ def config_node(plugin: Any) -> DictConfig:
     node: DictConfig = OmegaConf.structured(plugin)
     _lift_readonly(node)
     return node
+
+
+def settings_of(kind: type[Settings], name: str, given: Mapping[str, Any]) -> Settings:
+    """The settings `given` under a `name` on the command line, as an instance of the dataclass `kind`.
+
+    Raises
+    ------
+    OmegaConfBaseException
+        When one has another type, or there is none of that name; it knows where.
+    InputError
+        When a value lies outside its limits.
+    """
+    whole: Any = OmegaConf.merge({name: config_node(kind)}, {name: given})
+    made: Any = OmegaConf.to_object(whole[name])
+    return made
 
 
 def _lift_readonly(node: Any) -> None:

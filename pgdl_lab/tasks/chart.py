@@ -16,7 +16,7 @@ from pgdl_lab.core import paths
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
 from pgdl_lab.core.observation import Observation
-from pgdl_lab.core.registry import describe
+from pgdl_lab.core.registry import describe, settings_of
 from pgdl_lab.studies.chart.bench import Bench
 from pgdl_lab.studies.chart.figure import draw
 from pgdl_lab.studies.chart.methods import FINITE_ELEMENTS, all_points
@@ -77,11 +77,7 @@ def chart_settings(config: DictConfig) -> ChartSettings:
     if not isinstance(config.quick, bool):
         raise InputError(f"quick is {config.quick!r}; it must be true or false.")
     given: Any = OmegaConf.to_container(config.chart)
-    try:
-        return ChartSettings(**given)
-    except TypeError as error:
-        known = ", ".join(ChartSettings.__dataclass_fields__)
-        raise InputError(f"chart has a setting that does not exist ({error}); it has {known}.") from error
+    return settings_of(ChartSettings, "chart", given)
 
 
 def _title(bench: Bench) -> str:

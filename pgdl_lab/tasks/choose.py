@@ -12,7 +12,7 @@ from pgdl_lab.core import paths
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
 from pgdl_lab.core.observation import Observation
-from pgdl_lab.core.registry import describe
+from pgdl_lab.core.registry import describe, settings_of
 from pgdl_lab.running.experiment import Experiment
 from pgdl_lab.search.best import write_experiment
 from pgdl_lab.studies.choosing.choice import Choice
@@ -74,7 +74,8 @@ def choose_settings(job: Job) -> ChooseSettings:
     if not isinstance(config.quick, bool):
         raise InputError(f"quick is {config.quick!r}; it must be true or false.")
     ladder: Any = OmegaConf.to_container(config.choose)
-    return ChooseSettings(config.tolerance_mm, config.budget_s, config.budget_ms, **ladder)
+    asked = {name: config[name] for name in ("tolerance_mm", "budget_s", "budget_ms")}
+    return replace(settings_of(ChooseSettings, "choose", ladder), **asked)
 
 
 def _write(job: Job, experiment: Experiment, choice: Choice, settings: ChooseSettings, path: Path) -> None:

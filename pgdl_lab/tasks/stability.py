@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 from pgdl_lab.core import paths
 from pgdl_lab.core.errors import InputError
 from pgdl_lab.core.files import replacing
+from pgdl_lab.core.registry import settings_of
 from pgdl_lab.studies.stability.figure import draw
 from pgdl_lab.studies.stability.outcome import Trial, cells
 from pgdl_lab.studies.stability.page import write_page
@@ -35,7 +36,7 @@ def run(job: Job) -> list[Trial]:
     given: Any = OmegaConf.to_container(job.config.stability)
     if quick:
         given |= {"seeds": 1}
-    settings = StabilitySettings(**given)
+    settings = settings_of(StabilitySettings, "stability", given)
     trials = list(all_trials(settings, quick, paths.RUNS))
     with replacing(job.folder / "trials.json") as temporary:
         temporary.write_text(json.dumps([asdict(trial) for trial in trials], indent=1), encoding="utf-8")
