@@ -261,3 +261,17 @@ def test_a_model_of_the_pressure_alone_says_so(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(plugin("model", "pod"), "several_inputs", False)
     with pytest.raises(InputError, match="model=pod knows the pressure alone, and the data have pressure_kpa, grav"):
         trained(plugin("model", "pod")(), how)
+
+
+def test_too_few_simulations_have_no_bars_and_one_alone_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    data = Dataset.joined([turned(-30.0), turned(30.0)], gravity_deg=[-30.0, 30.0])
+    points = np.sort(np.random.default_rng(0).choice(data.displacements[..., 0].size, 600, replace=False))
+    how = training(tmp_path, {"data": {}}, samples=Samples.of(data, points), scene=scene(data))
+    found = trained(plugin("model", "finite_element")(degree=3), how)
+    assert found.error_bar([[20.0, 5.0]], {"pressure_kpa": 20.0, "gravity_deg": 0.0}) is None
+    assert "2 simulations are too few to tell how far the model errs between them" in caplog.text
+    alone = training(tmp_path, {"data": {}}, samples=Samples.of(data, np.arange(900)), scene=scene(data))
+    with pytest.raises(InputError, match="gravity_deg is -30 at all training points, so that nothing tells what it"):
+        trained(plugin("model", "finite_element")(), alone)

@@ -34,7 +34,7 @@ def trained(model: Model, training: Training) -> Surrogate:
     InputError, TrainingDiverged
         See `Model.fit`.
     """
-    require_inputs(model, training.samples.cases.names)
+    require_inputs(model, training.whole.cases)
     if training.scene.domain.is_body:
         require_in_space(model, training.losses)
     else:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from pgdl_lab.core.errors import InputError
-from pgdl_lab.core.inputs import PRESSURE
+from pgdl_lab.core.inputs import PRESSURE, Cases
 from pgdl_lab.core.registry import describe, names, plugin
 from pgdl_lab.learning.loss import Loss
 from pgdl_lab.learning.model import Model
@@ -48,15 +48,22 @@ def require_in_plane(losses: Mapping[str, Loss]) -> None:
             )
 
 
-def require_inputs(model: Model, inputs: Sequence[str]) -> None:
-    """Check that a model takes these inputs.
+def require_inputs(model: Model, cases: Cases) -> None:
+    """Check that a model takes these inputs, and that the cases tell something of each.
 
     Raises
     ------
     InputError
-        When it knows the pressure alone, and there are others.
+        When it knows the pressure alone, and there are others, or one of several has one value.
     """
-    if list(inputs) != [PRESSURE] and not model.several_inputs:
+    inputs = cases.names
+    for name, (low, high) in cases.ranges().items() if len(inputs) > 1 else ():
+        if low == high:
+            raise InputError(
+                f"{name} is {low:g} at all training points, so that nothing tells what it does: train on simulations "
+                "that differ in it."
+            )
+    if inputs != [PRESSURE] and not model.several_inputs:
         raise InputError(
             f"model={describe(model)['name']} knows the pressure alone, and the data have {', '.join(inputs)}: choose "
             f"one of {_able('model', 'several_inputs')}."

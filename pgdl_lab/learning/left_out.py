@@ -17,7 +17,7 @@ from pgdl_lab.learning.fit import Trainable, trained_field
 from pgdl_lab.learning.gaps import BLOCKS, Excess, Gap
 from pgdl_lab.learning.module import TrainingDiverged
 from pgdl_lab.learning.neural_surrogate import last_layer, ridge_of, scores_mm
-from pgdl_lab.surrogate.calibration import FEWEST, TOO_FEW, Held, wider
+from pgdl_lab.surrogate.calibration import FEWEST, Held, enough, wider
 from pgdl_lab.surrogate.last_layer import LastLayer
 
 if TYPE_CHECKING:
@@ -45,8 +45,7 @@ def bars_left_out(model: Trainable, training: Training, field: ReadOutField, spe
     """
     whole, scene = training.whole, training.scene
     count, several = len(whole), len(np.unique(whole.cases.simulation)) > 1
-    if count < FEWEST:
-        _log.warning(TOO_FEW, count, FEWEST)
+    if not enough(whole.cases):
         return None
     gap = scene.kept_domain and Gap.left_by(whole.points_mm, scene.domain.points_mm, scene.domain.points_mm[:0])
     parts = PARTS if count < FEW or several else 0

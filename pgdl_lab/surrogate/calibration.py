@@ -15,6 +15,7 @@ NORMAL = 1.96  # standard deviations that cover this share of a normal distribut
 FOLDS = 10  # parts of the samples that are held out in turn to calibrate bars within the trained pressures ...
 JUDGED = 100  # ... until so many samples were
 FEWEST = 19  # samples that tell what 95 % of others lie below, whatever they look like
+SIMULATIONS = 3  # of several, the fewest that tell by leaving out each what lies between them
 STEEPEST = 0.3  # mean size of errors at no pressure, by that at the highest, at least
 ABOVE = 0.12  # part of the trained pressures that is held out, from the top, to calibrate bars beyond them
 FARTHEST = 0.96  # of the highest, from where on those held out above count: errors outgrow their bars with the distance
@@ -36,7 +37,7 @@ def bar_deviations(cases: Cases, ratios: Ratios, rng: np.random.Generator) -> tu
     It is linear up to the highest trained pressure, and the last stands for all above and for other inputs outside.
     Bars are never narrower there than within. Of many samples a tenth is held out, of few all are, in turn; of several
     simulations these as a whole, as no sample tells how a model errs between them that knows others of the same. Of
-    fewer than `FEWEST` samples nothing is told: None.
+    too few, see `enough`, nothing is told: None.
 
     Parameters
     ----------
@@ -47,8 +48,7 @@ def bar_deviations(cases: Cases, ratios: Ratios, rng: np.random.Generator) -> tu
     rng
         Chooses which.
     """
-    if len(cases) < FEWEST:
-        _log.warning(TOO_FEW, len(cases), FEWEST)
+    if not enough(cases):
         return None
     first = cases.values[:, 0]
     highest = float(first.max())
@@ -85,6 +85,21 @@ def covering_line(shares: Floats, ratios: Floats) -> Floats:
     if not line.any():
         return line  # no sample errs at all
     return line * covering(ratios / np.interp(shares, [0, 1], line)[:, None])
+
+
+def enough(cases: Cases) -> bool:
+    """Whether samples in these cases tell how far a model errs; if not, that is said."""
+    simulations = len(np.unique(cases.simulation))
+    if 1 < simulations < SIMULATIONS:
+        _log.warning(
+            "%d simulations are too few to tell how far the model errs between them, so it has no error bars: join %d "
+            "at least.", simulations, SIMULATIONS,
+        )  # fmt: skip
+        return False
+    if len(cases) < FEWEST:
+        _log.warning(TOO_FEW, len(cases), FEWEST)
+        return False
+    return True
 
 
 def wider(parts: Sequence[Floats]) -> float:
