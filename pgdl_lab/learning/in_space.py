@@ -57,17 +57,17 @@ def require_inputs(model: Model, cases: Cases) -> None:
         When it knows the pressure alone, and there are others, or one of several has one value.
     """
     inputs = cases.names
+    if inputs != [PRESSURE] and not model.several_inputs:
+        raise InputError(
+            f"model={describe(model)['name']} knows the pressure alone, and the data have {', '.join(inputs)}: choose "
+            f"one of {_able('model', 'several_inputs')}."
+        )
     for name, (low, high) in cases.ranges().items() if len(inputs) > 1 else ():
         if low == high:
             raise InputError(
                 f"{name} is {low:g} at all training points, so that nothing tells what it does: train on simulations "
                 "that differ in it."
             )
-    if inputs != [PRESSURE] and not model.several_inputs:
-        raise InputError(
-            f"model={describe(model)['name']} knows the pressure alone, and the data have {', '.join(inputs)}: choose "
-            f"one of {_able('model', 'several_inputs')}."
-        )
 
 
 def _able(kind: str, what: str = "in_space") -> str:
