@@ -97,6 +97,7 @@ class ProcessProbe(Probe):
     def __init__(self, state: Mapping[str, NDArray[Any]], by_place: Floats) -> None:
         self._state, self.by_place = state, by_place
         self._units = state["units"] if "units" in state else state["unit_kpa"][None]
+        self._known = np.ascontiguousarray(state["inputs"][:, -len(self._units) :])
 
     def value(self, case: Case) -> Floats:
         by_case, _ = self.along(case)
@@ -112,8 +113,11 @@ class ProcessProbe(Probe):
 
     def along(self, case: Case) -> tuple[Floats, Floats]:
         """Covariance (n, 1) by the inputs, and their distances (n, D) from those of each point learnt from."""
-        offsets = case / self._units - self._state["inputs"][:, -len(self._units) :]
-        return np.exp(-(offsets**2).sum(axis=1, keepdims=True) / 2), offsets
+        offsets = case / self._units - self._known
+        squares = offsets**2
+        if len(self._units) > 1:
+            squares = squares.sum(axis=1, keepdims=True)
+        return np.exp(-squares / 2), offsets
 
 
 def interpolated(body: SimplexMesh, nodal: Floats, points_mm: Floats) -> Floats:
