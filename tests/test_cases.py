@@ -16,6 +16,7 @@ from pgdl_lab.export.export import Form, export
 from pgdl_lab.learning.data import Samples
 from pgdl_lab.learning.doubt import trained
 from pgdl_lab.learning.polynomials import MOST, basis_of
+from pgdl_lab.surrogate import archive
 from pgdl_lab.surrogate.calibration import bar_deviations
 from pgdl_lab.surrogate.limits import Outside, TooFar, along
 from pgdl_lab.surrogate.loading import load
@@ -275,3 +276,15 @@ def test_too_few_simulations_have_no_bars_and_one_alone_is_refused(
     alone = training(tmp_path, {"data": {}}, samples=Samples.of(data, np.arange(900)), scene=scene(data))
     with pytest.raises(InputError, match="gravity_deg is -30 at all training points, so that nothing tells what it"):
         trained(plugin("model", "finite_element")(), alone)
+
+
+@pytest.mark.parametrize("name", ["pod", "gaussian_process"])
+def test_a_file_of_other_inputs_than_its_own_is_refused(name: str, tmp_path: Path) -> None:
+    found = surrogate(name)
+    found.save(tmp_path / "s.pt")
+    about = archive.read(tmp_path / "s.pt")
+    state, face = about.pop("state"), about.pop("face")
+    del about["record"]["ranges"]["gravity_deg"]
+    archive.write(tmp_path / "less.pt", about, state=state, face=face)
+    with pytest.raises(InputError, match="does not hold the weights that its model needs"):
+        load(tmp_path / "less.pt")

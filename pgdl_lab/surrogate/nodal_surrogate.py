@@ -63,6 +63,8 @@ class NodalSurrogate(Surrogate):
         self._state = {name: np.asarray(array, order="C") for name, array in state.items()}
         self._body = SimplexMesh(state["points_mm"], state["triangles"])
         self._basis = Basis.restored(self._state, len(state["amplitudes"]))
+        if len(self._basis.ranges) != len(self.inputs):
+            raise ValueError(f"it is of {len(self._basis.ranges)} inputs, and trained on {len(self.inputs)}")
 
     def state(self) -> dict[str, NDArray[Any]]:
         return self._state

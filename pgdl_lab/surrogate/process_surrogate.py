@@ -57,6 +57,9 @@ class ProcessSurrogate(Surrogate):
         super().__init__(model, record)
         if len(state["inputs"]) > MOST_POINTS:
             raise ValueError(f"it learnt from {len(state['inputs']):,} points, and {MOST_POINTS:,} are allowed")
+        known = state["units"] if "units" in state else state["unit_kpa"][None]
+        if len(known) != len(self.inputs) or state["inputs"].shape[1] != state["places"].shape[1] + len(known):
+            raise ValueError(f"inputs is {state['inputs'].shape}")
         self._state = dict(state)
         self._body = SimplexMesh(state["points_mm"], state["triangles"])
 
